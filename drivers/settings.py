@@ -257,7 +257,7 @@ class CameraSettings(DeviceSettings):
     offset: tuple[int, int] = option(
         (0, 0), "Top-left pixel (x, y) of the image on the sensor", "px", ge=0
     )
-    gain: float = option(-1.0, "Gain; -1: as set in the camera", "dB", ge=-1, le=60)
+    gain: float = option(-1.0, "Gain; below 0: as set in the camera", "dB", ge=-1, le=60)
     trigger_line: str = option(
         "Line1",
         "Camera input that receives the triggers; empty: trigger and exposure as set in the camera",
@@ -374,7 +374,10 @@ class ActuatorSettings(DeviceSettings):
         le=150,
     )
     travel: tuple[float, float] = option(
-        (0.0, 25.0), "Allowed positions; the stage is never sent beyond these two", "mm"
+        (0.0, 25.0),
+        "Allowed positions; the stage is never sent beyond these two. The simulated stage has 0 to"
+        " 25 mm whatever is written here",
+        "mm",
     )
     max_velocity: float = option(
         1000.0, "Largest velocity at which the stage is ever driven", "um/s", gt=0, le=1e5

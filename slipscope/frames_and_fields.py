@@ -25,8 +25,8 @@ class FieldInMetres(NamedTuple):
 
     `x_m` (nx,) and `y_m` (ny,) are places in the image, counted from its first pixel, y down.
     `ux_m`, `uy_m`, their standard uncertainties `ux_sd_m`, `uy_sd_m` and the correlation `zncc`
-    have the shape (ny, nx). The lens moves by `lens_m`, as far as its holder gives way; this motion
-    is still in `ux_m`.
+    have the shape (ny, nx). The lens moves along the drive by `lens_m`, as far as its holder gives
+    way; this motion is still in `ux_m`, and in `uy_m` where the drive is not along the rows.
     """
 
     frame: int

@@ -79,8 +79,8 @@ def _check(results: StudyResults, path: Path) -> None:
         raise UserError(f"{path}: it holds no run; analyse sessions with `slipscope analyze`")
     if not experiments(results):
         raise UserError(
-            f"{path}: none of its {len(results.runs)} runs has a normal force, which every figure"
-            " needs; analyse sessions with forces"
+            f"{path}: none of its {len(results.runs)} runs has a normal force of the drive, which"
+            " every figure needs; analyse sessions with forces and a drive"
         )
 
 

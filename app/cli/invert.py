@@ -178,7 +178,7 @@ def _tell(
         " of the noise"
     )
     if step > 1:
-        print_line(f"every {step}th field shown")
+        print_line(f"one field in {step} shown")
     for note in dict.fromkeys([*series.notes, *notes_once(results), *failures[:3]]):
         print_line(f"note: {note}")
     if len(failures) > 3:

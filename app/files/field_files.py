@@ -169,7 +169,10 @@ def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) ->
         x_px, y_px = session.header.grid_x_px, session.header.grid_y_px
         rows = np.flatnonzero((results["phase"] == Phase.DRIVE) & session.have_fields()).tolist()
     if not rows:
-        raise UserError(f"{path}: no frame of its drive was analysed; replay it first")
+        raise UserError(
+            f"{path}: it holds no displacement field of a drive; if there was one, `slipscope"
+            " replay SESSION --set recording.results=fields -o ANALYSIS` measures them"
+        )
     sample, dic, pixel = config.sample, config.dic, pixel_m or config.camera.pixel
     angle = results["drive_angle_rad"][rows]
     known = angle[np.isfinite(angle)]

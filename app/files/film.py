@@ -176,7 +176,9 @@ def _opened_mp4(path: Path, rate_hz: float, size: tuple[int, int]) -> tuple[str,
 
 
 def _write_gif(path: Path, rate_hz: float, colours: str, pictures: Iterable[RGB]) -> None:
-    """GIF by Pillow, picture by picture, all with the same colours."""
+    """GIF by Pillow, picture by picture, all with the same colours; durations in whole hundredths
+    of a second, whose rounding does not add up.
+    """
     from PIL import Image
     from PIL.GifImagePlugin import getdata, getheader
 
@@ -185,10 +187,11 @@ def _write_gif(path: Path, rate_hz: float, colours: str, pictures: Iterable[RGB]
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.rint(255 * np.concatenate([scale, greys])).astype(int).ravel())
     with path.open("xb") as file:
-        for picture in pictures:
+        for n, picture in enumerate(pictures):
             whole = Image.fromarray(np.ascontiguousarray(picture))
             image = whole.quantize(palette=palette, dither=Image.Dither.NONE)
             if not file.tell():
                 file.writelines(getheader(image, info={"loop": 0})[0])
-            file.writelines(getdata(image, duration=round(100 / rate_hz) * 10))
+            begin, end = (round(100 * k / rate_hz) for k in (n, n + 1))
+            file.writelines(getdata(image, duration=(end - begin) * 10))
         file.write(b";")

@@ -120,7 +120,7 @@ class Header:
     grid_x_px: F64 = column(
         "fields/x",
         "px",
-        "box centres along x, the driving direction; 0 is the centre of the first pixel",
+        "box centres along x, the rows of the image; 0 is the centre of the first pixel",
         shape=("nx",),
     )
     grid_y_px: F64 = column("fields/y", "px", "box centres along y, downwards", shape=("ny",))

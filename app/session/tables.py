@@ -294,7 +294,7 @@ def _gaps(reader: SessionReader) -> Columns:
 def _run(reader: SessionReader) -> Columns:
     header, outcome = reader.header, reader.outcome
     about = {
-        "session": reader.path.name,
+        "session": reader.path.name.encode("utf-8", "backslashreplace").decode(),  # any bytes
         "start_time": header.started,
         "end_time": reader.ended,
         "state": outcome.ended_as,
@@ -331,12 +331,14 @@ SESSION = {
     "rings": Table(
         "u_x(r): ring means about the contact's centre, the motion of the lens taken off",
         lambda reader: ring_columns(reader.results(), rings_of(reader)),
-        "no ring means were measured, which needs a reference and a contact",
+        "no ring means were measured, which needs a reference, and more of recording.results than"
+        " forces",
     ),
     "stress": Table(
         "sigma(r): ring means of the shear traction",
         lambda reader: stress_columns(reader.results(), rings_of(reader)),
-        "no shear traction was computed; `slipscope replay --set stress.method=...` does it",
+        "no shear traction was computed, which needs a reference, a stress.method, and more of"
+        " recording.results than forces",
     ),
     "law": Table(
         "local slip and traction over that of sliding, by ring",

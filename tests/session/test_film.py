@@ -77,6 +77,11 @@ def _frame(image: Image.Image, n: int) -> np.ndarray:
     return np.asarray(image.convert("RGB"))
 
 
+def _duration_ms(image: Image.Image, n: int) -> float:
+    image.seek(n)
+    return float(image.info["duration"])
+
+
 def pixel(picture: np.ndarray, place: tuple[float, float]) -> np.ndarray:
     x, y = place
     return picture[round(y * picture.shape[0]), round(x * picture.shape[1])].astype(int)
@@ -110,6 +115,8 @@ def test_a_film_has_a_picture_of_each_field_in_the_time_of_the_run(
     if ending == ".gif":
         with Image.open(path) as image:
             assert image.info["duration"] == 120  # of 125 ms, in steps of 10 ms
+            shown_ms = [_duration_ms(image, n) for n in range(COUNT)]
+            assert np.cumsum(shown_ms) == pytest.approx(125 * np.arange(1, COUNT + 1), abs=5)
     else:
         film = cv2.VideoCapture(str(path))
         assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(8)

@@ -9,6 +9,7 @@ import gzip
 import io
 import math
 import re
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -242,6 +243,20 @@ def test_every_exported_table_is_one_line_of_names_and_rows_as_long(
         assert all(re.fullmatch(r"[A-Za-z][\w.]*", name) for name in header), path
         assert {len(row) for row in rows} == {len(header)}, path
         assert path.read_bytes().endswith(b"\n")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no file has such a name")
+@pytest.mark.parametrize("ending", [".csv", ".mat"])
+def test_the_name_of_a_session_may_be_any_bytes(
+    session: Session, tmp_path: Path, ending: str
+) -> None:
+    renamed = session.path.rename(tmp_path / "m\udcfcller.h5")  # in Latin-1, as on an old disk
+    export(renamed, path := tmp_path / f"run{ending}", "run" if ending == ".csv" else "")
+    if ending == ".csv":
+        names = read(path)["value"]
+    else:
+        names = [name.rstrip() for name in scipy.io.loadmat(path)["run_value"]]
+    assert names[0] == "m\\udcfcller.h5"
 
 
 def test_pandas_reads_the_exported_tables_as_they_are(

@@ -51,7 +51,8 @@ def sliding_displacements(runs: Runs) -> Drawn:
     known = those(
         runs,
         lambda run: run.mu > 0 and np.isfinite(_elastic(run)).any(),
-        "no run slides with friction above 0, so that there is no profile of steady sliding",
+        "no run slides with friction above 0 and a known t_s, so that there is no profile of steady"
+        " sliding",
     )
     figure, (axes,) = new_panels(1, 70)
     tables: list[Table] = []
