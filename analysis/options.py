@@ -187,7 +187,8 @@ class SettingError(ValueError):
     """
 
     def __init__(self, option: Option, value: Any) -> None:
-        super().__init__(f"{option.name} must be {option.wanted}; found {option.written(value)!r}")
+        found = _each(lambda part: getattr(part, "tolist", lambda: part)(), option.written(value))
+        super().__init__(f"{option.name} must be {option.wanted}; found {found!r}")
         self.option = option
 
 

@@ -9,6 +9,7 @@ import random
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from analysis.dic import Correlation
@@ -18,6 +19,7 @@ from app.settings import config
 from app.settings.config import ConfigError, from_data, from_record, load, parse_override, to_toml
 from app.settings.sections import Config, RunSettings
 from docs import reference
+from drivers.settings import ForceSettings
 
 
 def all_options() -> list[tuple[str, Option]]:
@@ -283,3 +285,8 @@ def test_an_override_is_read_as_toml_and_else_as_a_word() -> None:
 def test_the_exposure_is_whole_samples_and_one_at_least() -> None:
     assert load(None, ["camera.exposure=10.4"]).exposure_samples == 10
     assert load(None, ["camera.exposure=0.01"]).exposure_samples == 1
+
+
+def test_a_number_of_numpy_is_told_as_a_number() -> None:
+    with pytest.raises(ValueError, match=r"found \(-1\.0, 5\)$"):
+        ForceSettings(range=(np.float64(-1), 5))

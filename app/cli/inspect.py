@@ -30,7 +30,7 @@ def info(
     """Print the content of a session: how it ended, frames and samples, phases, results, changed
     settings, further analyses.
 
-    With --verify, the exit code is 1 if the session has changed since it was recorded.
+    With --verify, the exit code is 1 if data do not match their checksums.
     """
     from app.cli.end_of_run import tell_notes, text_rows
     from app.cli.terminal import DONE, FAILED, print_json, print_line, print_rows, say
