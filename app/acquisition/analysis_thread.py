@@ -131,6 +131,8 @@ class AnalysisThread:
             self._analysis.pipeline.reference_frame is not None
             and not self.reference_taken.is_set()
         ):
+            if self._analysis.pipeline.contact is not None:  # at once: a run may be cut short
+                self._recorder.append(self._analysis.pipeline.contact)
             self.reference_taken.set()
             self._ready_s = time.monotonic()
         else:

@@ -471,9 +471,6 @@ class Run(ObservedRun):
         if self._experiment.phase is not Phase.END:
             begin, end = self._loop.begin_phase, self._history.end
             attempt("recorder", lambda: begin(Phase.END, end))
-        contact = self._analysis.pipeline.contact
-        if contact is not None:
-            attempt("recorder", lambda: workers.recorder.append(contact))
         last = Event(self._history.end, LAST[self._ending.end], self._ending.reason)
         attempt("recorder", lambda: workers.recorder.append(last))
 

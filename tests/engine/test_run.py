@@ -13,9 +13,17 @@ from numpy.testing import assert_equal
 from short_run import BLIND, DRIVE, SMALL, TRACTION
 from whole_runs import replayed
 
+from app.acquisition.recorder_thread import Recorder
 from app.acquisition.run import Run
 from app.evaluation import conclusions
-from app.records.record_types import FrameMotion, Phase, Snapshot
+from app.records.record_types import (
+    REFERENCE,
+    ContactResult,
+    Event,
+    FrameMotion,
+    Phase,
+    Snapshot,
+)
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -85,6 +93,20 @@ def test_a_run_ends_done_with_every_trigger_and_sample_accounted_for(small_run):
     assert [f[0] for f in recorded["frames"]] == list(range(counts.triggers))
     assert all(sample == 125 * index for index, sample, _ in recorded["frames"])
     assert [e.text for e in recorded["events"] if e.kind == "phase"] == list(Phase)
+
+
+def test_the_contact_is_recorded_as_soon_as_it_is_known(tmp_path, monkeypatch):
+    """A run that is cut short in its drive has it."""
+    told, append = [], Recorder.append
+    monkeypatch.setattr(Recorder, "append", lambda self, one: (told.append(one), append(self, one)))
+    run_to(tmp_path / "a.h5", *BLIND, "run.travel=1")
+    kinds = [type(one) for one in told]
+    before = told[: kinds.index(ContactResult)]
+    reference = next(one.number for one in told if isinstance(one, Event) and one.kind == REFERENCE)
+    assert kinds.count(ContactResult) == 1
+    assert max(one.frame for one in before if isinstance(one, Snapshot)) == reference
+    with SessionReader(tmp_path / "a.h5") as s:
+        assert s.contact() is not None
 
 
 def test_the_summary_is_the_simulated_truth(small_run):
