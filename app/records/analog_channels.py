@@ -16,6 +16,9 @@ class Channels:
 
     @property
     def labels(self) -> list[str]:
-        """Name and unit of each as one word of letters, digits and ``_``, for other programs."""
+        """Name and unit of each as one word of letters of ASCII, digits and ``_``, for other
+        programs.
+        """
         named = zip(self.name, self.unit, strict=True)
-        return [re.sub(r"\W", "_", f"{name}_{unit}") for name, unit in named]
+        texts = (re.sub("[\u00b5\u03bc]", "u", f"{name}_{unit}") for name, unit in named)
+        return [re.sub(r"\W", "_", text, flags=re.ASCII) for text in texts]

@@ -252,7 +252,11 @@ def force_columns(reader: SessionReader) -> Columns:
         "stage_um": stage_um(*reader.positions(), samples),
     }
     if (channels := reader.header.auxiliary) is not None and held.auxiliary is not None:
-        columns |= dict(zip(channels.labels, held.auxiliary.T, strict=True))
+        for label, values in zip(channels.labels, held.auxiliary.T, strict=True):
+            name = label
+            while name in columns:
+                name = f"aux_{name}"
+            columns[name] = values
     return columns
 
 

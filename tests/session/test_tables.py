@@ -26,6 +26,8 @@ from app.cli import app
 from app.files.exporting import KINDS, export
 from app.files.field_files import read_fields
 from app.files.text_tables import write_table
+from app.records.analog_channels import Channels
+from app.records.record_types import Samples
 from app.records.snapshot_numbers import NUMBERS
 from app.session.tables import SESSION, budget_columns, rows_of, slide_columns, spelled
 from app.system.errors import UserError
@@ -271,6 +273,22 @@ def test_pandas_reads_the_exported_tables_as_they_are(
     assert frames["P_N"].dtype == float
     rings = pandas.read_csv(tables / "rings.csv")
     assert rings["ux_um"].dtype == float
+
+
+def test_a_further_channel_takes_no_column_of_another(tmp_path: Path) -> None:
+    """Nor has it a name that MATLAB refuses."""
+    names, units = ("P", "stage", "gap", "R", "flow", "flow_m"), ("N", "um", "µm", "Ω", "m/s", "s")
+    writer = make_writer(tmp_path / "a.h5", auxiliary=Channels(names, units))
+    further = np.arange(6.0) + np.zeros((5, 6))
+    writer.append(Samples(0, np.ones((5, 2)), np.full((5, 2), 9.0), further))
+    writer.close()
+    export(tmp_path / "a.h5", tmp_path / "forces.csv", "forces")
+    found = read(tmp_path / "forces.csv")
+    assert found["P_N"] == ["9.0"] * 5
+    labels = ["aux_P_N", "aux_stage_um", "gap_um", "R__", "flow_m_s", "aux_flow_m_s"]
+    assert [float(found[label][0]) for label in labels] == [0, 1, 2, 3, 4, 5]
+    export(tmp_path / "a.h5", tmp_path / "a.mat")
+    assert {f"forces_{label}" for label in labels} <= set(scipy.io.loadmat(tmp_path / "a.mat"))
 
 
 def test_a_field_is_a_table(session: Session) -> None:
