@@ -329,11 +329,12 @@ def test_a_zero_holds_from_where_the_sensors_were_given_it():
     np.testing.assert_allclose(found[6:], 0.0, atol=1e-12)
 
 
-def test_creep_at_rest_is_that_of_the_mean_over_the_contact_in_time():
+@pytest.mark.parametrize("creep", [4e-8, -4e-8])
+def test_creep_at_rest_is_that_of_the_mean_over_the_contact_in_time(creep):
     """u_x that grows with the radius and the time: its mean over a disc is two thirds of that at
     its edge, where rings count by their area.
     """
-    config, creep = load(None, SETTINGS), 4e-8
+    config = load(None, SETTINGS)
     s, rate = config.sample, config.forces.sample_rate
     a = hertz.contact_radius(P, s.young_modulus, s.poisson, s.lens_radius)
     r = (np.arange(60) + 0.5) * a / 40
@@ -342,7 +343,7 @@ def test_creep_at_rest_is_that_of_the_mean_over_the_contact_in_time():
         now = Conditions(Phase.REFERENCE, math.nan, P, 0.0, 0.0)
         rings = RingProfile(r, creep * 0.5 * n * r / a, np.full(60, 1e-10))
         shots.append(Snapshot(n, round(0.5 * n * rate), now, rings=rings))
-    assert readings(config, shots, []).drift == pytest.approx(2 / 3 * creep, rel=0.02)
+    assert readings(config, shots, []).drift == pytest.approx(2 / 3 * abs(creep), rel=0.02)
 
 
 def test_beyond_the_mask_a_rough_contact_has_less_than_a_hundredth_of_its_pressure():
@@ -406,7 +407,8 @@ def test_the_work_of_a_cycle_is_the_area_of_its_whole_loop():
     assert works["loop_work_j"] == pytest.approx([2 * 0.25 * 58e-6] * 2, rel=0.02)
 
 
-def test_a_rise_is_over_the_friction_before_the_hold():
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_rise_is_over_the_friction_before_the_hold(way):
     steps = '{do="background"}, {do="approach"}, {do="reference"}'
     steps += ', {do="drive", travel=50}, {do="hold", time=20}, {do="drive", travel=50}'
     config, shots = load(None, [f"run.steps=[{steps}]"]), []
@@ -414,10 +416,12 @@ def test_a_rise_is_over_the_friction_before_the_hold():
         ratio = friction + (0.1 * np.exp(-np.arange(60) / 6) if step == 6 else np.zeros(60))
         for n, one in enumerate(ratio):
             t = 0.125 * (n + 0.5)
-            now = Conditions(Phase.DRIVE, began + t, P, one * P, 5e-6 * (began + t), step, t)
+            travel = way * 5e-6 * (began + t)
+            now = Conditions(Phase.DRIVE, began + t, P, way * one * P, travel, step, t)
             shots.append(Snapshot(len(shots), 0, now))
-    now = Conditions(Phase.DRIVE, 10.1, P, 0.8 * P, 50e-6, 5, 0.1)
-    found = slide_results(Measured(config, [*shots, Snapshot(999, 0, now)], None), [], 0.0)
+    now = Conditions(Phase.DRIVE, 10.1, P, way * 0.8 * P, way * 50e-6, 5, 0.1)
+    held = Snapshot(999, 0, now)
+    found = slide_results(Measured(config, [*shots, held], None), [], 0.0)
     assert found["slide_step"] == (4, 6)
     assert found["slide_mu_d"] == pytest.approx((0.8, 0.6), abs=1e-3)
     assert found["slide_rise"][1] == pytest.approx(found["slide_peak"][1] - 0.8)

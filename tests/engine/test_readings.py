@@ -256,6 +256,32 @@ def test_zeros_that_drift_are_told_by_what_is_read_apart_at_both_ends() -> None:
         assert (still.zero_drift, still.notes) == ((0.0, 0.0), ())
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_zeros_and_cross_terms_are_as_large_whatever_their_sign(sign: float) -> None:
+    """And a block that adheres as it is taken off is not apart."""
+    rng, frames, zero, cross = np.random.default_rng(6), [], 5e-3 * sign, 0.02 * sign
+    for first, phase, P, Q, count in (
+        (0, Phase.BACKGROUND, 0.0, 0.0, 20),
+        (20, Phase.REFERENCE, 0.5, 0.0, 20),
+        (40, Phase.DRIVE, 0.5, 0.4, 40),
+        (80, Phase.END, 0.5, 0.4, 10),
+        (90, Phase.END, -0.3, 0.0, 10),
+        (100, Phase.END, 0.0, 0.0, 20),
+    ):
+        for i in range(count):
+            sheared = Q * (1 - math.exp(-4 * (i + 1) / count))
+            read = zero + np.array([P + cross * sheared, sheared + cross * P])
+            read += rng.normal(0, 3e-4, 2)
+            time = 0.1 * (i + 1) if phase is Phase.DRIVE else math.nan
+            now = Conditions(phase, time, *read.tolist(), 0.0)
+            frames.append(Snapshot(first + i, 100 * (first + i), now))
+    drive = [s for s in frames if s.conditions.phase is Phase.DRIVE]
+    seen = readings(Config(), frames, drive)
+    assert seen.zero == pytest.approx((5e-3, 5e-3), rel=0.1)
+    assert seen.coupling == pytest.approx((0.02, 0.02), rel=0.1)
+    assert seen.zero_drift == (0.0, 0.0)
+
+
 def test_a_zero_of_the_shear_force_that_drifts_is_told_by_the_loading() -> None:
     """As fast as it drifts: beside that the sensor reads 3 % too much."""
     half = [s for s in sheared(0.0, 0.0) if s.conditions.time_s < 4.0]
@@ -288,6 +314,7 @@ def test_a_picture_that_creeps_during_the_drive_is_told(creep_um_s: float) -> No
         return
     found = re.search(r"by the stage: camera or lens creep by (-?[0-9.]+) um/s", told[0])
     assert found is not None
+    assert re.search(r"the block moves 4\.[0-9] \+- ", told[0])
     assert float(found[1]) == pytest.approx(creep_um_s, rel=0.1)
     assert ("further" in told[0]) == (creep_um_s > 0)
     known = Config(uncertainty=Uncertainties(pixel=0.05))

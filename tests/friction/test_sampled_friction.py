@@ -164,17 +164,18 @@ def test_sliding_of_a_few_blocks_is_told_by_frames(slid_s):
     assert onset.mu_d_sd > 0.5 * NOISE_N / P / (t >= 1).sum() ** 0.5
 
 
-def test_all_peaks_of_a_run_are_measured_in_one_way():
+@pytest.mark.parametrize("side", [1, -1])
+def test_all_peaks_of_a_run_are_measured_in_one_way(side):
     """The samples of the last slide come after those that are kept."""
     moves, hold = "{do='drive', travel=40, velocity=5}", "{do='hold', time=2}"
     steps = f"{{do='approach'}}, {{do='reference'}}, {moves}, {hold}, {moves}, {hold}, {moves}"
     config, shots = load(None, [f"run.steps=[{steps}]"]), []
     t = np.arange(28_000) / 1000
-    q = 0.7 * P * (1 + 0.05 * np.exp(-(((t % 10 - 0.5) / 0.1) ** 2)))
+    q = side * 0.7 * P * (1 + 0.05 * np.exp(-(((t % 10 - 0.5) / 0.1) ** 2)))
     for i in np.arange(100, 28_000, 200).tolist():
         n, since = divmod(t[i], 10)
         step, since = 3 + 2 * int(n) + (since >= 8), since % 8
-        way = 40e-6 * n + 5e-6 * min(t[i] % 10, 8)
+        way = side * (40e-6 * n + 5e-6 * min(t[i] % 10, 8))
         now = Conditions(Phase.DRIVE, t[i], P, q[i], way, step, since)
         shots.append(Snapshot(len(shots), i, now))
     forces, notes = DriveForces(t, q, np.full(len(t), P)), []
