@@ -10,15 +10,19 @@ stage goes where that actuator goes (`FollowedActuator`).
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
+import numpy as np
+
 from drivers.answers import check_backlog, check_samples
 from drivers.clock import SampleClock
-from drivers.errors import DeviceError, DeviceNotFound
+from drivers.errors import DeviceError, DeviceNotFound, DeviceTimeout
 from drivers.protocols import (
     Actuator,
     AnyDevice,
@@ -30,6 +34,7 @@ from drivers.protocols import (
 )
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sources import NEEDS, driver
+from drivers.turns import TurnClock
 
 if TYPE_CHECKING:
     from drivers.recorded import Recording
@@ -37,6 +42,7 @@ if TYPE_CHECKING:
     from drivers.sim.world import World
 
 LOG = logging.getLogger(__name__)
+CLOSE_S, POLL_S = 3.0, 0.02  # a device that does not close within the first is given up
 MOVES_THE_WORLD = frozenset({"simulated", "emulated"})  # natures of drivers
 
 
@@ -73,7 +79,7 @@ class Bench:
             raise
 
     def close(self) -> None:
-        """Close forces, camera, actuator, each of them even if another fails.
+        """Close forces, camera, actuator, each of them even if another fails or does not return.
 
         Raises
         ------
@@ -100,14 +106,31 @@ def block_s(bench: Bench) -> float:
     return bench.forces.block_samples / bench.forces.sample_rate_hz
 
 
-def _close(devices: Iterable[AnyDevice]) -> list[Exception]:
-    problems: list[Exception] = []
-    for device in devices:
+def _close(devices: Iterable[AnyDevice]) -> list[BaseException]:
+    """Close one device after the other, also where one fails or does not return."""
+    return [problem for device in devices if (problem := _unclosed(device)) is not None]
+
+
+def _unclosed(device: AnyDevice) -> BaseException | None:
+    """Why a device did not close; None if it did."""
+    call: Future[None] = Future()
+
+    def work() -> None:
         try:
             device.close()
-        except Exception as error:  # the next device must be closed all the same
-            problems.append(error)
-    return problems
+            call.set_result(None)
+        except BaseException as error:
+            call.set_exception(error)
+
+    threading.Thread(target=work, name="slipscope-closes", daemon=True).start()
+    turns = TurnClock()
+    while not wait([call], POLL_S).done:
+        if turns.read() > CLOSE_S:
+            return DeviceTimeout(
+                f"{device.name}: it did not close within {CLOSE_S:g} s and was given up; check the"
+                " device, its connection and its driver"
+            )
+    return call.exception()
 
 
 @dataclass(frozen=True)
@@ -255,8 +278,8 @@ class ClockedForces(WrappedDevice):
         self.device.start(train)
 
     def read(self, timeout_s: float) -> SampleBlock | LostSamples:
-        """The next block, if it is the one that was due; the clock advances before it is handed
-        over.
+        """The next block, if it is the one that was due, in arrays of its own; the clock advances
+        before it is handed over.
         """
         block: SampleBlock | LostSamples = self.device.read(timeout_s)
         check_samples(self.device.name, block, self._end_of_read, self._counted)
@@ -264,6 +287,7 @@ class ClockedForces(WrappedDevice):
         if self._world is not None:
             self._world.advance(block.end - self._world.now)
         if isinstance(block, SampleBlock):
+            block = _own(block)
             if block.exposures is not None:
                 self._counted = int(block.exposures[-1])
             self._clock.advance(block.end, block.exposures)
@@ -297,6 +321,16 @@ class ClockedForces(WrappedDevice):
         self._clock.stop()
         if self._world is not None and self._world.phase == "running":
             self._world.stop()
+
+
+def _own(block: SampleBlock) -> SampleBlock:
+    """A block that stays as it is, whatever its driver does with its arrays afterwards."""
+    further = block.auxiliary
+    return replace(
+        block,
+        volts=np.array(block.volts, np.float64),
+        auxiliary=None if further is None else np.array(further, np.float64),
+    )
 
 
 class FollowedActuator(WrappedDevice):

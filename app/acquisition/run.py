@@ -51,6 +51,7 @@ from drivers.protocols import Frame, TriggerTrain
 LOG = logging.getLogger(__name__)
 
 START_S = 10.0  # time that a device has to start
+CLOSING_S = 12.0  # of a bench, which gives up each of its devices after some seconds itself
 PAUSE_S = 0.001  # pause between two looks at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled
 KEPT_S = 1.5  # of frames for the analysis: taking the reference takes longer than a frame
@@ -254,7 +255,9 @@ class Run(ObservedRun):
             self._ending.fail("control", error)
         self._stage.confirm_stop()
         self._stage.is_connected = False
-        self._wind_down_device("bench", self._bench.close)
+        if "bench" not in self._watchdog.given_up:
+            close = partial(self._watchdog.aside, "bench", self._bench.close, CLOSING_S)
+            self._ending.attempt("bench", close)
         self._watchdog.close()
         self._analysis.close()
         resources = usage.resources(

@@ -108,6 +108,26 @@ def test_the_bench_takes_counts_of_any_whole_kind_and_refuses_before_the_clock_a
     assert clock.now == 5
 
 
+def test_samples_stay_as_they_were_read_though_their_driver_uses_its_buffers_again() -> None:
+    """As the readers of a board's library do; a third of the recorded readings were later ones."""
+    volts, further = np.zeros((5, 2), np.float32), np.zeros((5, 1))
+    board = SimpleNamespace(
+        name="board",
+        counts_exposures=False,
+        start=lambda train: None,
+        read=lambda timeout_s: SampleBlock(0, volts, None, further),
+    )
+    forces = ClockedForces(board, SampleClock(1000.0))
+    forces.start(TRAIN)
+    block = forces.read(1.0)
+    volts[:] = further[:] = 7.0
+    assert isinstance(block, SampleBlock)
+    assert block.auxiliary is not None
+    assert not block.volts.any()
+    assert not block.auxiliary.any()
+    assert block.volts.dtype == np.float64
+
+
 @pytest.mark.parametrize(
     "answer",
     [FRAME, replace(FRAME, sample=1999, first=6, last=9, stamp_s=-3.0), LostFrame(8, 1000, "no")],

@@ -9,6 +9,7 @@ import pytest
 from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContract
 from worlds import TINY, scenario
 
+import drivers.bench
 from drivers.bench import Bench, make_bench
 from drivers.contract import BrokenContract
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
@@ -319,6 +320,21 @@ def test_every_device_is_closed_even_if_others_fail():
     bench.open()
     with pytest.raises(DeviceError, match="forces does not close; camera does not close"):
         bench.close()
+    assert log[-1] == "close actuator"
+
+
+def test_every_device_is_closed_even_if_one_does_not_return_from_that(monkeypatch):
+    monkeypatch.setattr(drivers.bench, "CLOSE_S", 0.1)
+    log, release = [], threading.Event()
+    bench = recorded(log, forces="close")
+    bench.open()
+    bench.camera.close = lambda: release.wait(20)
+    expected = (
+        "bench: forces does not close; camera: it did not close within 0.1 s and was given"
+    )
+    with pytest.raises(DeviceError, match=expected):
+        bench.close()
+    release.set()
     assert log[-1] == "close actuator"
 
 
