@@ -107,6 +107,12 @@ def that(is_so: Any, found: str) -> None:
         raise BrokenContract(found)
 
 
+def is_text(what: str, found: Any) -> None:
+    """Raise `BrokenContract` where what a device says of itself is no text, or an empty one."""
+    that(found or not isinstance(found, str), f"{what} is empty")
+    that(isinstance(found, str), f"{what} is {found!r}, not a text")
+
+
 @contextmanager
 def refused(kind: type[DeviceError], what: str) -> Iterator[None]:
     """What must raise an error of this kind; `BrokenContract` if it does not."""
@@ -128,4 +134,4 @@ def has_all_of(device: Any, protocol: type) -> None:
     wanted = {*dir(protocol), *chain.from_iterable(annotated)}
     lacks = sorted(n for n in wanted if not (n.startswith("_") or hasattr(device, n)))
     that(not lacks, f"it has no {', '.join(lacks)}")
-    that(device.name, "its name is empty")
+    is_text("its name", device.name)

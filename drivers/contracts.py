@@ -25,6 +25,7 @@ from drivers.contract import (
     WrongScale,
     contract,
     has_all_of,
+    is_text,
     refused,
     that,
 )
@@ -218,4 +219,4 @@ def _stop_and_close_may_come_at_any_time_and_twice(device: ForceSource | Camera)
 
 @contract("forces", "camera", "actuator")
 def _it_says_what_it_is(device: AnyDevice) -> None:
-    that(device.describe(), "describe() is empty")
+    is_text("describe()", device.describe())

@@ -31,6 +31,7 @@ from app.acquisition.force_reader import BenchDevices
 from app.acquisition.receiver import Receiver, check_camera
 from app.acquisition.recorder_thread import Recorder, SessionSink
 from app.acquisition.stage import unsupervised
+from app.acquisition.watchdog import START_S
 from app.evaluation.frame_analysis import FrameAnalysis
 from app.evaluation.observed_run import ObservedRun, not_begun
 from app.evaluation.quality import YOUNG_S, Quality
@@ -50,7 +51,6 @@ from drivers.protocols import Frame, TriggerTrain
 
 LOG = logging.getLogger(__name__)
 
-START_S = 10.0  # time that a device has to start
 CLOSING_S = 12.0  # of a bench, which gives up each of its devices after some seconds itself
 PAUSE_S = 0.001  # pause between two looks at sources that wait
 REFERENCE_WAIT_S = 30.0  # nothing moves meanwhile, and nothing is sampled

@@ -19,6 +19,7 @@ from drivers.turns import TurnClock
 T = TypeVar("T")
 _Calls: TypeAlias = "queue.SimpleQueue[Callable[[], None] | None]"
 PATIENCE_S = 3.0  # a device that does not return from a call is given up after it
+START_S = 10.0  # time that a device has to start
 STEP_PATIENCE_S = 60.0  # the same for a step of a check, which is many calls
 POLL_S = 0.02
 

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from analysis.arrays import F64
 from analysis.options import UNITS, quantity
+from app.acquisition.receiver import check_camera
 from app.acquisition.stage import unsupervised
-from app.acquisition.watchdog import PATIENCE_S, STEP_PATIENCE_S, Patience
+from app.acquisition.watchdog import PATIENCE_S, START_S, STEP_PATIENCE_S, Patience
 from app.bench_checks.bench_move import move
 from app.bench_checks.doctor import Checked, problem
 from app.evaluation.setup import pattern_of, sensor_chain
@@ -28,12 +29,12 @@ from app.settings.certificates import certificates_of
 from app.settings.protocol_steps import Approach
 from app.settings.sections import Config
 from app.system.errors import ConfigError
+from drivers.answers import check_answer
 from drivers.bench import Bench, block_s
 from drivers.errors import DeviceError, DeviceTimeout
 from drivers.protocols import (
     Actuator,
     AnyDevice,
-    Frame,
     LostFrame,
     SampleBlock,
     TriggerTrain,
@@ -41,6 +42,7 @@ from drivers.protocols import (
 
 SECONDS = 2.0  # length of the data that a check reads
 HOME_TIMEOUT_S = 120.0
+OPEN_S = 60.0  # a device that does not open within it is given up
 MAINS_HZ = (50.0, 60.0)
 HUM_SHARE, HUM_MN = (
     0.5,
@@ -73,7 +75,7 @@ def check(
     }
     opened = set()
     for label, device in devices.items():
-        finding = _attempt(label, _open, device)
+        finding = _attempt(label, _open, device, within_s=OPEN_S)
         yield finding
         if finding.is_fine:
             opened.add(label)
@@ -117,7 +119,9 @@ def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Check
     if not has_forces:
         yield _attempt("home", _home, bench.actuator, partial(time.sleep, 0.05), within_s=most_s)
         return
-    bench.forces.start(TriggerTrain(0, config.camera.divisor))
+    patience = Patience()
+    start = partial(bench.forces.start, TriggerTrain(0, config.camera.divisor))
+    patience.aside(bench.forces.name, start, START_S)
     try:
         yield _attempt(
             "home",
@@ -127,7 +131,7 @@ def _homing(config: Config, bench: Bench, *, has_forces: bool) -> Iterator[Check
             within_s=most_s,
         )
     finally:
-        bench.forces.stop()
+        patience.aside(bench.forces.name, bench.forces.stop)
 
 
 def _moving(config: Config, way_m: float, bench: Bench) -> Iterator[Checked]:
@@ -141,9 +145,9 @@ def _limits(config: Config) -> str:
 
 
 def _attempt(
-    label: str, step: Callable[..., str], *arguments: Any, within_s: float = math.inf
+    label: str, step: Callable[..., str], *arguments: Any, within_s: float = math.inf, who: str = ""
 ) -> Checked:
-    who = getattr(arguments[0], "name", "a device")
+    who = who or getattr(arguments[0], "name", "the bench")
     try:
         return Checked(label, Patience().aside(who, partial(step, *arguments), within_s))
     except DeviceError as error:
@@ -199,14 +203,17 @@ def _take_data(config: Config, bench: Bench) -> Iterator[Checked]:
     samples = max(round(SECONDS * config.forces.sample_rate), 3 * config.camera.divisor)
     data = _Data()
     within_s = STEP_PATIENCE_S + samples / config.forces.sample_rate
-    yield _attempt("data", _acquire, bench, train, samples, data, within_s=within_s)
+    step = partial(_acquire, config, bench, train, samples, data)
+    who = f"{bench.forces.name} or {bench.camera.name}"
+    yield _attempt("data", step, within_s=within_s, who=who)
     if data.volts:
         yield from _forces(config, np.concatenate(data.volts), len(data.volts[0]))
     if data.image is not None:
         yield _picture(config, data.image)
 
 
-def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> str:
+def _acquire(config: Config, bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> str:
+    check_camera(bench.camera, config)
     bench.camera.start(train)
     bench.forces.start(train)
     began, end = time.monotonic(), 0
@@ -218,10 +225,10 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
                 data.volts.append(block.volts)
             else:
                 data.lost_samples += block.count
-            _collect(bench, data, 0.0)
+            _collect(bench, train, data, 0.0)
         data.seconds = time.monotonic() - began
         due = train.count_before(end - bench.camera.exposure_samples)
-        while data.frames + len(data.lost) < due and _collect(bench, data, READ_TIMEOUT_S):
+        while data.frames + len(data.lost) < due and _collect(bench, train, data, READ_TIMEOUT_S):
             pass
     finally:
         bench.forces.stop()
@@ -241,18 +248,19 @@ def _acquire(bench: Bench, train: TriggerTrain, samples: int, data: _Data) -> st
     return account
 
 
-def _collect(bench: Bench, data: _Data, timeout_s: float) -> bool:
+def _collect(bench: Bench, train: TriggerTrain, data: _Data, timeout_s: float) -> bool:
     """Take the answers that the camera has; whether there were any."""
-    found = False
+    found, rate = False, bench.forces.sample_rate_hz
     while True:
         try:
             answer = bench.camera.read(timeout_s)
         except DeviceTimeout:
             return found
-        found = True
+        due, found = data.frames + len(data.lost), True
+        check_answer(bench.camera, answer, due, train, rate, data.image)
         if isinstance(answer, LostFrame):
             data.lost.append(answer.reason)
-        elif isinstance(answer, Frame):
+        else:
             data.frames, data.image = data.frames + 1, answer.image
         if timeout_s:
             return True

@@ -5,10 +5,12 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 from analysis.options import quantity
 from app.acquisition.control_loop import ControlLoop
 from app.acquisition.force_reader import BenchDevices
+from app.acquisition.watchdog import START_S
 from app.evaluation.history import History
 from app.experiment.decisions import ExperimentFailed
 from app.records.record_types import Phase
@@ -40,12 +42,14 @@ def move(config: Config, bench: BenchDevices, way_m: float) -> str:
     config = replace(config, run=replace(config.run, travel=way_m, reversals=1, steps=()))
     history = History(config.forces.sample_rate, config.exposure_samples)
     loop = ControlLoop(config, bench, history, pace=1.0)
-    bench.forces.start(TriggerTrain(0, config.camera.divisor))
+    board, ask = bench.forces, loop.watchdog.ask
+    ask(board.name, partial(board.start, TriggerTrain(0, config.camera.divisor)), START_S)
     try:
         there, took = _drive(loop)
     finally:
+        if board.name not in loop.watchdog.given_up:
+            ask(board.name, board.stop)
         loop.watchdog.close()
-        bench.forces.stop()
     return (
         f"{way_m * 1e6:g} um requested, {there * 1e6:.2f} um reached in {took:.1f} s,"
         f" {loop.stage.travel_m * 1e6:+.2f} um off after the way back"
@@ -57,7 +61,7 @@ def _drive(loop: ControlLoop) -> tuple[float, float]:
     experiment, stage, there, began, took = loop.experiment, loop.stage, 0.0, 0.0, 0.0
     try:
         stage.is_connected = True
-        stage.arm()
+        loop.watchdog.ask(stage.name, stage.arm)
         loop.reader.take()  # of the time before
         loop.watchdog.drives = True
         while experiment.phase is not Phase.END:

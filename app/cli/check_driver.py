@@ -138,12 +138,15 @@ def check(
 def _finding(
     contract: Contract, config: Config, means: dict[str, Any], wrap: Wrap, patience: Patience
 ) -> Checked:
+    def tried() -> None:
+        device, more = _made(contract.kind, config, stack)
+        stack.callback(_let_go, device)
+        contract.check(wrap(device), **means, **more)
+
+    source = getattr(config, contract.kind).source
     with ExitStack() as stack:
         try:
-            device, more = _made(contract.kind, config, stack)
-            stack.callback(_let_go, device)
-            check = partial(contract.check, wrap(device), **means, **more)
-            if error := patience.aside(device.name, partial(_raised, check), STEP_PATIENCE_S):
+            if error := patience.aside(source, partial(_raised, tried), STEP_PATIENCE_S):
                 raise error
         except WrongScale:
             raise

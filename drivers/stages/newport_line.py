@@ -35,7 +35,7 @@ PATIENCE_S = 0.6
 TRIES = 3
 READ_S = 0.05  # longest single read
 LOOK_S = 0.1  # between two looks at the clock while another has the line: longer ones do not count
-LONGEST_LINE = 256  # bytes
+LONGEST_LINE_S = 0.1  # for which a line may go on once its time is over
 # of a pause after a command, at its first sending and at each repetition
 LONGER = (1, 4, 15)
 LONGEST_PAUSE_S = 0.15  # longest pause before a query is repeated
@@ -246,7 +246,8 @@ class NewportLine:
         while not raw.endswith(b"\n") and not is_over:
             more = self._port.read_until(b"\n")
             raw += more
-            is_over = self.clock.read(READ_S) >= until and (not more or len(raw) > LONGEST_LINE)
+            late_s = self.clock.read(READ_S) - until
+            is_over = late_s >= 0 and (not more or late_s > LONGEST_LINE_S)
         return raw.decode("ascii", "replace")
 
     @contextmanager
@@ -288,9 +289,14 @@ class NewportLine:
     def _unanswered(self, query: str, heard: str, *, is_command: bool = False) -> DeviceError:
         self.heard, self.is_mute = heard, not heard
         if heard:
+            asked = "TE" if is_command else query.rstrip("?")
+            what, remedy = "noisy: the last answer was", "cable, shield, and the speed of the line"
+            if re.match(rf"{self._address}(?!{asked})[A-Z]{{2}}", heard):
+                what = "noisy or slow: the last answer, to another query, was"
+                remedy = "what holds the line up or talks on it, as a port server, then its cable"
             return DeviceFault(
-                f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is noisy:"
-                f" the last answer was {heard!r}; check cable, shield, and the speed of the line"
+                f"{self._who}: '{query}' was sent {TRIES} times, the line {self._name} is"
+                f" {what} {heard!r}; check {remedy}"
             )
         remedy = "its cable, and the port and address in the settings"
         if is_command:

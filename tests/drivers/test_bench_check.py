@@ -4,6 +4,7 @@ within the limits of a run only.
 
 import re
 import threading
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from types import SimpleNamespace
@@ -237,6 +238,60 @@ def test_a_device_that_does_not_return_from_a_call_holds_up_no_check(
     assert [one.label for one in findings.values() if one.needed] == labels
     for label in labels:
         assert "it did not return from a call within" in findings[label].value
+
+
+def test_a_device_that_does_not_return_as_it_is_opened_or_made_ready_holds_up_no_check(monkeypatch):
+    monkeypatch.setattr(bench_check, "OPEN_S", 0.1)
+    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
+    release = threading.Event()
+
+    def made():
+        bench = live.make_bench(settings, None)
+        bench.camera.open = lambda: release.wait(20)
+        bench.actuator.make_ready = lambda: release.wait(20)
+        return bench
+
+    findings = {f.label: f for f in check(settings, made, home=False, move_um=20.0)}
+    release.set()
+    told = {label: one.value for label, one in findings.items() if one.needed}
+    assert told.keys() == {"camera", "move"}
+    assert told["camera"].startswith("simulated camera: it did not return from a call within 0.1 s")
+    assert told["move"].startswith("simulated actuator: it did not return from a call")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda frame: None, "trigger 3 was due, its driver gave NoneType, which is neither"),
+        (lambda frame: replace(frame, index=2), "trigger 3 was due, its driver gave that of 2"),
+        (
+            lambda frame: replace(frame, image=frame.image[:-1]),
+            "that is uint8 of shape (95, 96)",
+        ),
+    ],
+)
+def test_a_picture_that_a_run_would_refuse_fails(spoil, told):
+    """The bench was said to work, or the line of the camera was blamed."""
+    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
+    bench = live.make_bench(settings, None)
+    read = bench.camera.read
+
+    def spoilt(timeout_s):
+        frame = read(timeout_s)
+        return spoil(frame) if frame.index == 3 else frame
+
+    bench.camera.read = spoilt
+    findings = {f.label: f for f in check(settings, lambda: bench, home=False, move_um=0.0)}
+    assert findings["data"].needed
+    assert told in findings["data"].value
+
+
+def test_a_camera_of_another_size_than_the_settings_say_fails():
+    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
+    bench = live.make_bench(settings, None)
+    bench.camera.shape = (90, 96)
+    findings = {f.label: f for f in check(settings, lambda: bench, home=False, move_um=0.0)}
+    assert "images of 96 x 96 were asked, it gives 96 x 90" in findings["data"].value
 
 
 def test_the_lowest_load_of_a_protocol_decides():

@@ -96,6 +96,33 @@ def test_a_line_on_which_others_talk_does_not_keep_a_query_waiting(newport, monk
     monkeypatch.undo()
 
 
+def test_a_controller_that_answers_too_late_is_not_called_noisy_alone(newport):
+    stage = newport().opened()
+    stage.device.answers["TP"] = stage.device.answers["TE"] = "1TS000028"  # to the query before
+    told = "is noisy or slow: the last answer, to another query, was '1TS000028'; check what holds"
+    with pytest.raises(DeviceFault, match=told):
+        stage.driver.position_m()
+    with pytest.raises(DeviceFault, match=told):
+        stage.driver.set_velocity(10e-6)
+    stage.device.answers["TP"] = "1TP\xf5"
+    with pytest.raises(DeviceFault, match="is noisy: the last answer was"):
+        stage.driver.position_m()
+
+
+@pytest.mark.timeout(60)
+def test_stray_bytes_hold_up_no_query(newport, monkeypatch):
+    """One each 40 ms, as of a line without a shield, held up a query for ten seconds."""
+    line = newport().opened().driver._ready()
+    monkeypatch.setattr(newport_line, "PATIENCE_S", 0.6)
+    monkeypatch.setattr(newport_line, "ANSWER_S", 0.2)
+    monkeypatch.setattr(line._port, "read_until", lambda end: (time.sleep(0.04), b"\xff")[1])
+    began = time.monotonic()
+    with pytest.raises(DeviceFault, match=r"the line .* is noisy"):
+        line.ask("TP", "([0-9.]+)")
+    assert time.monotonic() - began < 5
+    monkeypatch.undo()
+
+
 class Hesitant:
     """A socket that takes two bytes at a time, and none of them at each other time."""
 

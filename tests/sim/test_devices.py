@@ -329,9 +329,7 @@ def test_every_device_is_closed_even_if_one_does_not_return_from_that(monkeypatc
     bench = recorded(log, forces="close")
     bench.open()
     bench.camera.close = lambda: release.wait(20)
-    expected = (
-        "bench: forces does not close; camera: it did not close within 0.1 s and was given"
-    )
+    expected = "bench: forces does not close; camera: it did not close within 0.1 s and was given"
     with pytest.raises(DeviceError, match=expected):
         bench.close()
     release.set()
