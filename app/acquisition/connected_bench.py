@@ -82,13 +82,13 @@ class _ConnectedDevice:
             self.is_open = True
             self.tell(DeviceState.READY)
             self._work()
-        except Exception as error:
+        except BaseException as error:  # a thread that is gone shows its last reading for ever
             LOG.debug("%s", self.name, exc_info=error)
             self.tell(DeviceState.FAILED, sentence(self.name, error))
         self.is_open = False
         try:
             self.device.close()
-        except Exception as error:
+        except BaseException as error:
             LOG.warning("%s: it did not close: %s", self.name, error)
         if self.state is not DeviceState.FAILED:
             self.tell(DeviceState.CLOSED)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from app.experiment.decisions import ExperimentFailed
 from app.records.record_types import End
 from app.system.disk import DiskError
-from app.system.errors import UserError
+from app.system.errors import UserError, in_full
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
@@ -24,7 +24,7 @@ def sentence(who: str, error: BaseException) -> str:
     """
     if isinstance(error, FOR_PEOPLE):
         return str(error)
-    return f"{who}: {type(error).__name__}: {error}"
+    return f"{who}: {in_full(error)}"
 
 
 class Ending:

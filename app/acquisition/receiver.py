@@ -13,6 +13,7 @@ from app.acquisition.channels import LatestChannel
 from app.acquisition.ending import Ending
 from app.acquisition.losses import Losses
 from app.acquisition.recorder_thread import Recorder
+from app.acquisition.watchdog import blamed
 from app.evaluation.history import History
 from app.records.record_types import ACCOUNT, REVOKED, Event
 from app.settings.sections import Config, Limits
@@ -183,7 +184,8 @@ class Receiver:
         ):
             try:
                 self._asked_at = self._turns.read()
-                answer = self._camera.read(POLL_S)
+                with blamed(self._camera.name):
+                    answer = self._camera.read(POLL_S)
                 with self._answering:
                     if self._is_over:
                         return

@@ -7,8 +7,9 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
@@ -33,9 +34,15 @@ def _make(call: Future[T], step: Callable[[], T]) -> None:
 
 
 def _result(call: Future[T], who: str) -> T:
-    """What a step has returned or raised; what no driver may raise is a fault of that device."""
-    try:
+    with blamed(who):
         return call.result()
+
+
+@contextmanager
+def blamed(who: str) -> Iterator[None]:
+    """What a call of a device raises; what no driver may raise is a fault of that device."""
+    try:
+        yield
     except FOR_PEOPLE:
         raise
     except BaseException as error:

@@ -19,7 +19,7 @@ def spelled_out(text: str) -> str:
 
 def in_full(error: BaseException) -> str:
     """An error that nobody has put into words for people: its type, and what it says."""
-    return f"{type(error).__name__}: {error}"
+    return f"{type(error).__name__}: {error}".removesuffix(": ")
 
 
 class ConfigError(UserError, ValueError):

@@ -251,3 +251,24 @@ def test_a_camera_that_reuses_its_buffer_fails_the_run_at_its_second_frame(
         assert session.state == "failed"
         assert "trigger 1 was due, its driver gave an image in the memory of" in session.reason
         assert session.frames.received.tolist() == [0]
+
+
+def test_what_no_driver_may_raise_is_told_as_that_of_the_camera(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It was "camera: KeyboardInterrupt: ", of no device and with nothing to do."""
+    read = SimCamera.read
+
+    def broken(camera: SimCamera, timeout_s: float) -> Frame | LostFrame:
+        answer = read(camera, timeout_s)
+        if answer.index == 3:
+            raise KeyboardInterrupt
+        return answer
+
+    monkeypatch.setattr(SimCamera, "read", broken)
+    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
+    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
+        assert session.state == "failed"
+        told = "simulated camera: KeyboardInterrupt; check the device and its driver"
+        assert session.reason.startswith(told)
+        assert session.frames.received.tolist() == [0, 1, 2]

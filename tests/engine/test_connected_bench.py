@@ -63,14 +63,20 @@ def test_a_picture_that_breaks_the_rules_of_drivers_is_refused_as_in_a_run():
         with_pictures(Frame(0, 0, image), Frame(0, 0, image))
 
 
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [(DeviceFault("x: it is off"), "x: it is off"), (SystemExit(3), "x: SystemExit: 3")],
+    ids=repr,
+)
 @pytest.mark.parametrize("where", ["open", "work"])
-def test_a_device_that_fails_is_closed(where):
+def test_a_device_that_fails_is_closed(where, error, told):
+    """After a SystemExit it was shown as ready, with its last reading, and stayed open."""
     calls = []
 
     def do(what):
         calls.append(what)
         if what == where:
-            raise DeviceFault(f"x: no {what}")
+            raise error
 
     device = SimpleNamespace(
         name="x", open=lambda: do("open"), describe=lambda: "an x", close=lambda: do("close")
@@ -78,7 +84,7 @@ def test_a_device_that_fails_is_closed(where):
     connected = _ConnectedDevice(device, lambda: do("work"))
     connected._run()
     assert calls[-1] == "close"
-    assert (connected.state, connected.sentence) == (DeviceState.FAILED, f"x: no {where}")
+    assert (connected.state, connected.sentence) == (DeviceState.FAILED, told)
     assert not connected.is_open
 
 
