@@ -4,6 +4,7 @@ recorded: one answer that breaks the rules would cost what is recorded after it,
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -87,10 +88,10 @@ def check_answer(
     due: int,
     train: TriggerTrain,
     sample_rate_hz: float,
-    before: Array | None = None,
+    before: Sequence[Array] = (),
 ) -> None:
     """Refuse what is not the frame of the trigger `due`, or its loss, or whose image is written
-    over that of the frame before, `before`; DeviceFault.
+    over one of those `before` that are still in use, the newest last; DeviceFault.
     """
     if not isinstance(answer, Frame | LostFrame):
         found = f"{type(answer).__name__}, which is neither a frame nor a loss"
@@ -108,7 +109,7 @@ def _wrong_answer(
     due: int,
     train: TriggerTrain,
     sample_rate_hz: float,
-    before: Array | None,
+    before: Sequence[Array],
 ) -> str:
     numbers = answer.index, answer.sample, answer.first, answer.last
     if not all(map(_is_whole, numbers)) or answer.index != due:
@@ -126,8 +127,9 @@ def _wrong_answer(
         return f"an image that is {_kind(image)}, not {camera.dtype} of {camera.shape}"
     # an image that is its own memory, and can not be written to, may come again as it is
     is_free = image.flags.writeable or image.base is not None
-    if is_free and before is not None and np.may_share_memory(image, before):
-        return "an image in the memory of that of the frame before"
+    if is_free and (shared := [np.may_share_memory(image, one) for one in before]) and any(shared):
+        which = "the frame before" if shared[-1] else "an earlier frame, which is still in use"
+        return f"an image in the memory of that of {which}"
     if not isinstance(answer.stamp_s, _REAL) or abs(answer.stamp_s) > LARGEST:
         return f"one with the time {answer.stamp_s!r} s"
     return "" if isinstance(answer.doubt, str) else f"one with the doubt {answer.doubt!r}"

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from weakref import ref
 
 from analysis.arrays import Array
 from app.acquisition.channels import LatestChannel
@@ -81,6 +82,7 @@ class Receiver:
         self._is_over = False  # every trigger is accounted for, or the camera was given up
         self._heard = (0, 0)  # triggers answered and images delivered by the camera
         self._heard_at = 0.0  # when that changed last
+        self._images: list[ref[Array]] = []  # that were delivered, some of them in use
         self._doubt = ""  # about the trigger of the newest frame
         self._hands_over = False  # a frame, to a disk or an analysis that may make it wait
 
@@ -190,8 +192,8 @@ class Receiver:
                     if self._is_over:
                         return
                     rate = self._history.sample_rate_hz
-                    due, before = self.answered, self.latest_image
-                    check_answer(self._camera, answer, due, self._train, rate, before)
+                    due, in_use = self.answered, self._in_use
+                    check_answer(self._camera, answer, due, self._train, rate, in_use())
                     self._deliver(answer)
                 answered_at = self._turns.read()
                 self._asked_at = math.inf
@@ -202,6 +204,10 @@ class Receiver:
                     if self._turns.read() - answered_at > PATIENCE_S:
                         return
                     time.sleep(PAUSE_S)  # a camera without a board answers at once
+
+    def _in_use(self) -> list[Array]:
+        """Images that somebody still needs; who keeps the list keeps them in use."""
+        return [image for one in self._images if (image := one()) is not None]
 
     def _check_losses(self) -> None:
         share, is_judged = self.lost / self.answered, self.answered >= JUDGED_FROM
@@ -221,6 +227,7 @@ class Receiver:
             return
         self.received += 1
         self.latest_image, self.latest_sample = answer.image, answer.sample
+        self._images = [*map(ref, self._in_use()), ref(answer.image)]
         self._hands_over = True
         try:
             if answer.doubt != self._doubt:

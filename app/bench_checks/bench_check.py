@@ -257,7 +257,8 @@ def _collect(bench: Bench, train: TriggerTrain, data: _Data, timeout_s: float) -
         except DeviceTimeout:
             return found
         due, found = data.frames + len(data.lost), True
-        check_answer(bench.camera, answer, due, train, rate, data.image)
+        newest = [] if data.image is None else [data.image]
+        check_answer(bench.camera, answer, due, train, rate, newest)
         if isinstance(answer, LostFrame):
             data.lost.append(answer.reason)
         else:

@@ -172,11 +172,11 @@ def test_an_image_that_is_written_over_the_one_before_is_refused() -> None:
     view = buffer[:3]
     view.flags.writeable = False
     with pytest.raises(DeviceFault, match="an image in the memory of that of the frame before"):
-        check_answer(CAMERA, replace(FRAME, image=view), 8, TRAIN, 1000.0, view)
-    check_answer(CAMERA, replace(FRAME, image=view), 8, TRAIN, 1000.0, view.copy())
+        check_answer(CAMERA, replace(FRAME, image=view), 8, TRAIN, 1000.0, [view])
+    check_answer(CAMERA, replace(FRAME, image=view), 8, TRAIN, 1000.0, [view.copy()])
     still = view.copy()
     still.flags.writeable = False
-    check_answer(CAMERA, replace(FRAME, image=still), 8, TRAIN, 1000.0, still)
+    check_answer(CAMERA, replace(FRAME, image=still), 8, TRAIN, 1000.0, [still])
 
 
 @pytest.mark.parametrize("answer", ["0", None, 1, math.nan, np.array([True])])

@@ -8,7 +8,7 @@ import pytest
 from app.acquisition.receiver import Receiver
 from app.settings.sections import Config, Limits
 from drivers import turns
-from drivers.errors import DeviceTimeout
+from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.protocols import Frame, TriggerTrain
 
 
@@ -123,3 +123,27 @@ def test_an_image_that_comes_after_its_camera_was_given_up_counts_no_more(monkey
     bench.camera.read = lambda timeout_s: next(images)
     receiver._receive()
     assert (receiver.received, receiver.lost, len(records)) == (0, 2, 2)
+
+
+def test_an_image_that_is_written_over_one_that_still_waits_is_refused(monkeypatch):
+    """As by a driver that hands out the buffers of its library's ring."""
+    bench, waiting = Bench(monkeypatch, 125), []
+    receiver = bench.receiver
+    receiver._recorder = SimpleNamespace(append=waiting.append)
+    receiver._to_analysis = SimpleNamespace(put=lambda frame: None)
+    receiver._ending = SimpleNamespace(is_called=SimpleNamespace(is_set=lambda: False))
+    bench.history.end, bench.history.has_ended = 5000, False
+    ring, numbers = np.zeros((3, 2, 2), np.uint8), iter(range(100))
+    bench.camera.shape, bench.camera.dtype = (2, 2), np.dtype(np.uint8)
+
+    def read(timeout_s):
+        index = next(numbers)
+        if index < 10:
+            del waiting[:-1]  # written in time
+        return Frame(index, 125 * index, ring[index % 3])
+
+    bench.camera.read = read
+    refused = "trigger 11 was due, its driver gave an image in the memory of that of an earlier"
+    with pytest.raises(DeviceFault, match=refused):
+        receiver._receive()
+    assert receiver.received == 11
