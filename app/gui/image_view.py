@@ -44,7 +44,7 @@ POINT_HINT = "Point to read, click for the history there. Wheel zooms, drag move
 class InterfaceView(Panel):
     """Live image, one of the fields over it, and the circles.
 
-    The axes are in mm from the top-left pixel, x along the driving direction, y down.
+    The axes are in mm from the top-left pixel, x along the rows of the image, y down.
     """
 
     chosen = Signal(float, float)  # a place in px, by a click on a picture with a field
@@ -76,7 +76,8 @@ class InterfaceView(Panel):
         if not self.locked.isChecked():
             self._held.clear()
         camera = setup.config.camera
-        self.canvas.begin_run((camera.width, camera.height), self._mm, setup.grid_rect_px)
+        size = camera.width, camera.height
+        self.canvas.begin_run(size, self._mm, setup.grid_rect_px, camera.angle)
         self.cut.begin_run()
         self._show_ends()
         self._show_cut()

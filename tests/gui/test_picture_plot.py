@@ -385,6 +385,23 @@ def test_the_colour_bar_has_numbers_enough_and_an_outline(
     assert all(plot._bar.getAxis(side).isVisible() for side in ("left", "right", "top", "bottom"))
 
 
+@pytest.mark.parametrize(
+    ("angle", "name"),
+    [
+        (0.0, "x, driving direction → (mm)"),
+        (-3.0, "x, driving direction → (mm)"),
+        (-178.0, "x, driving direction ← (mm)"),
+        (90.0, "x (mm)"),
+        (-30.0, "x (mm)"),
+    ],
+)
+def test_the_axis_says_which_way_the_drive_goes_in_the_picture(
+    plot: PicturePlot, angle: float, name: str
+) -> None:
+    plot.begin_run((640, 480), 7e-3, (0.0, 0.0, 640.0, 480.0), math.radians(angle))
+    assert plot.axes[1].labelText == name
+
+
 def test_the_name_of_an_axis_is_beside_its_numbers_at_every_size(
     qtbot: QtBot, plot: PicturePlot
 ) -> None:

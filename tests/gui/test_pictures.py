@@ -342,6 +342,15 @@ def test_a_new_run_shows_all_again(picture: InterfaceView, run: ScriptedRun, qtb
     assert picture.field is None
 
 
+def test_a_camera_that_is_turned_shows_no_drive_along_its_rows(
+    picture: InterfaceView, run: ScriptedRun
+) -> None:
+    setup = setup_of(run)
+    camera = replace(setup.config.camera, angle=np.pi / 2)
+    picture.show_setup(replace(setup, config=replace(setup.config, camera=camera)))
+    assert picture.canvas.axes[1].labelText == "x (mm)"
+
+
 def test_the_picture_keeps_its_shape_when_zoomed(
     picture: InterfaceView, run: ScriptedRun, qtbot: QtBot
 ) -> None:

@@ -45,6 +45,7 @@ COLOURS = 255  # of a map; index 0 is what was not measured
 DIFFERENCE = "difference (grey levels)"
 MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width that is seen of the picture, at least
+TURNED = math.radians(5.0)  # of the drive against the rows, which then are not its direction
 LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -93,9 +94,10 @@ class PicturePlot(Plot):
         self.scene().setItemIndexMethod(QGraphicsScene.ItemIndexMethod.NoIndex)
         self.box.setAspectLocked(True)
         self.box.invertY(True)
-        for axis, words in zip(self.axes, ("y (mm)", "x, driving direction → (mm)"), strict=True):
+        for axis in self.axes:
             axis.setGrid(False)  # it would be drawn over the image
-            axis.setLabel(words)
+        self.axes[0].setLabel("y (mm)")
+        self._name_x(0.0)
         # only wider: a narrower axis gives a larger picture, whose ticks may need a wider one again
         self.axes[0].setStyle(autoReduceTextSpace=False)
         self.axes[0].textWidth = 0
@@ -108,9 +110,16 @@ class PicturePlot(Plot):
         self._set_empty(True)
         self.recolour()
 
-    def begin_run(self, size: tuple[int, int], mm: float, grid: Rect) -> None:
-        """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field."""
+    def _name_x(self, angle: float) -> None:
+        along = "→" if abs(angle) < TURNED else "←" if abs(angle) > math.pi - TURNED else ""
+        self.axes[1].setLabel(f"x, driving direction {along} (mm)" if along else "x (mm)")
+
+    def begin_run(self, size: tuple[int, int], mm: float, grid: Rect, angle: float = 0.0) -> None:
+        """Empty the picture; `size` is that of images in pixels of `mm`, `grid` that of a field,
+        `angle` (rad) that of the drive in the picture.
+        """
         self._mm, self._grid = mm, grid
+        self._name_x(angle)
         self.circles = self.colour_scale = None
         self.display, self._read_at_s = NOTHING_DISPLAYED, None
         self._below.hide()
