@@ -10,10 +10,8 @@ stage goes where that actuator goes (`FollowedActuator`).
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Iterable
-from concurrent.futures import Future, wait
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -34,7 +32,7 @@ from drivers.protocols import (
 )
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sources import NEEDS, driver
-from drivers.turns import TurnClock
+from drivers.turns import done_beside
 
 if TYPE_CHECKING:
     from drivers.recorded import Recording
@@ -42,7 +40,7 @@ if TYPE_CHECKING:
     from drivers.sim.world import World
 
 LOG = logging.getLogger(__name__)
-CLOSE_S, POLL_S = 3.0, 0.02  # a device that does not close within the first is given up
+CLOSE_S = 3.0  # a device that does not close within it is given up
 MOVES_THE_WORLD = frozenset({"simulated", "emulated"})  # natures of drivers
 
 
@@ -113,23 +111,12 @@ def _close(devices: Iterable[AnyDevice]) -> list[BaseException]:
 
 def _unclosed(device: AnyDevice) -> BaseException | None:
     """Why a device did not close; None if it did."""
-    call: Future[None] = Future()
-
-    def work() -> None:
-        try:
-            device.close()
-            call.set_result(None)
-        except BaseException as error:
-            call.set_exception(error)
-
-    threading.Thread(target=work, name="slipscope-closes", daemon=True).start()
-    turns = TurnClock()
-    while not wait([call], POLL_S).done:
-        if turns.read() > CLOSE_S:
-            return DeviceTimeout(
-                f"{device.name}: it did not close within {CLOSE_S:g} s and was given up; check the"
-                " device, its connection and its driver"
-            )
+    call = done_beside(device.close, CLOSE_S)
+    if not call.done():
+        return DeviceTimeout(
+            f"{device.name}: it did not close within {CLOSE_S:g} s and was given up; check the"
+            " device, its connection and its driver"
+        )
     return call.exception()
 
 

@@ -191,9 +191,8 @@ class Receiver:
                 with self._answering:
                     if self._is_over:
                         return
-                    rate = self._history.sample_rate_hz
-                    due, in_use = self.answered, self._in_use
-                    check_answer(self._camera, answer, due, self._train, rate, in_use())
+                    due, rate = self.answered, self._history.sample_rate_hz
+                    check_answer(self._camera, answer, due, self._train, rate, self._in_use())
                     self._deliver(answer)
                 answered_at = self._turns.read()
                 self._asked_at = math.inf

@@ -11,26 +11,17 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 from app.acquisition.ending import FOR_PEOPLE, Ending, sentence
 from drivers.errors import DeviceFault, DeviceTimeout
-from drivers.turns import TurnClock
+from drivers.turns import POLL_S, TurnClock, done_beside, settle
 
 T = TypeVar("T")
 _Calls: TypeAlias = "queue.SimpleQueue[Callable[[], None] | None]"
 PATIENCE_S = 3.0  # a device that does not return from a call is given up after it
 START_S = 10.0  # time that a device has to start
 STEP_PATIENCE_S = 60.0  # the same for a step of a check, which is many calls
-POLL_S = 0.02
-
-
-def _make(call: Future[T], step: Callable[[], T]) -> None:
-    """Do a step with a device, for a thread that waits for what it returns or raises."""
-    try:
-        call.set_result(step())
-    except BaseException as error:
-        call.set_exception(error)
 
 
 def _result(call: Future[T], who: str) -> T:
@@ -48,10 +39,6 @@ def blamed(who: str) -> Iterator[None]:
     except BaseException as error:
         remedy = "check the device and its driver, which `slipscope check-driver` tests"
         raise DeviceFault(f"{sentence(who, error)}; {remedy}") from error
-
-
-def _is_over(call: Future[Any], within_s: float) -> bool:
-    return bool(wait([call], within_s).done)
 
 
 class Patience:
@@ -81,24 +68,16 @@ class Patience:
         """
         if self.is_direct:
             return step()
-        call: Future[T] = Future()
-
-        def work() -> None:
-            _make(call, step)
-            self.given_up.discard(who)
-
-        threading.Thread(target=work, name="slipscope-asks", daemon=True).start()
-        turns, patience_s = TurnClock(), PATIENCE_S if patience_s is None else patience_s
-        while not _is_over(call, min(POLL_S, patience_s)):
-            if turns.read() <= patience_s:
-                continue
+        patience_s = PATIENCE_S if patience_s is None else patience_s
+        call = done_beside(step, patience_s)
+        if not call.done():
             self.given_up.add(who)
-            if call.done():  # meanwhile
-                self.given_up.discard(who)
+            call.add_done_callback(lambda _: self.given_up.discard(who))  # or at once, if meanwhile
             raise DeviceTimeout(
                 f"{who}: it did not return from a call within {patience_s:g} s; check the device,"
                 " its connection and its driver"
             )
+        self.given_up.discard(who)
         return _result(call, who)
 
 
@@ -165,9 +144,9 @@ class Watchdog(Patience):
                 target=_work, args=(self._calls,), name="slipscope-devices", daemon=True
             ).start()
         self.asked, call = who, Future[T]()
-        self._calls.put(partial(_make, call, step))
+        self._calls.put(partial(settle, call, step))
         turns, give_up_s = TurnClock(), patience_s
-        while not _is_over(call, POLL_S):
+        while not wait([call], POLL_S).done:
             past_s = turns.read()
             if self._ending.is_called.is_set():
                 give_up_s = min(give_up_s, past_s + PATIENCE_S)

@@ -170,8 +170,8 @@ class RecordingSettings(Section):
     )
     compression: str = option(
         "none",
-        "Compression of the images; gzip saves 18 % of the space of simulated images for 30 ms of"
-        " processor time per image",
+        "Compression of the images; gzip saves some of the space, for processor time with each"
+        " image",
         choices=("none", "gzip"),
     )
 

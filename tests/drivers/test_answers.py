@@ -109,7 +109,7 @@ def test_the_bench_takes_counts_of_any_whole_kind_and_refuses_before_the_clock_a
 
 
 def test_samples_stay_as_they_were_read_though_their_driver_uses_its_buffers_again() -> None:
-    """As the readers of a board's library do; a third of the recorded readings were later ones."""
+    """As the readers of a board's library do; recorded readings were later ones."""
     volts: Any = np.zeros((5, 2), np.float32)
     further = np.zeros((5, 1))
     board = SimpleNamespace(

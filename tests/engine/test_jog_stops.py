@@ -23,6 +23,7 @@ from app.processes.starting import Launch
 from app.records.bench_view import HOLD_S
 from app.settings import config
 from app.system.stopping import CUT_POWER, Stop, failed
+from drivers import turns
 from drivers.errors import DeviceFault, DeviceTimeout, OutOfLimits
 
 UM = 1e-6
@@ -175,12 +176,12 @@ def test_a_stop_that_does_not_return_is_asked_once_at_a_time(monkeypatch, has_be
     actuator, release = Stage(), threading.Event()
     stage = jogged(actuator)
     stage.hold(1, 10 * UM)
-    stop, make = actuator.stop, watchdog_module._make
+    stop, make = actuator.stop, turns.settle
     if has_begun:
         actuator.stop = lambda: (release.wait(30), stop())
     else:  # its thread has no turn
         late = lambda *call: (release.wait(30), make(*call))  # noqa: E731
-        monkeypatch.setattr(watchdog_module, "_make", late)
+        monkeypatch.setattr(turns, "settle", late)
     stage._held_until = -1.0
     before = threading.active_count()
     for _ in range(20):

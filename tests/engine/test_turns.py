@@ -2,6 +2,7 @@
 
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 
@@ -54,6 +55,19 @@ def test_a_device_that_does_not_return_is_given_up_after_a_suspension_too(suspen
     assert asks.given_up == {"board"}
     assert PATIENCE_S - 0.5 < suspended.now - 100.0 < PATIENCE_S + 1.0
     never.set()
+
+
+def test_a_device_that_returns_late_is_not_given_up_any_more():
+    asks, released, is_back = Patience(), threading.Event(), threading.Event()
+    asks.given_up = Mock(wraps=set())
+    asks.given_up.discard.side_effect = lambda who: is_back.set()
+    with pytest.raises(DeviceTimeout, match=r"board: it did not return from a call within 0\.05 s"):
+        asks.aside("board", lambda: released.wait(60), 0.05)
+    asks.given_up.add.assert_called_once_with("board")
+    assert not is_back.is_set()
+    released.set()
+    assert is_back.wait(60)
+    asks.given_up.discard.assert_called_once_with("board")
 
 
 def test_the_wait_for_the_end_of_a_run_that_no_force_comes_for_counts_as_well(monkeypatch):
