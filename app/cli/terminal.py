@@ -206,7 +206,12 @@ def plain_errors(as_json: bool, debug: bool, computes: bool) -> Iterator[None]:
             if HEARD[heard:] and not isinstance(error, TOLD):
                 error = KeyboardInterrupt(HEARD[-1])  # which compiled code has lost
             tell(" ".join(_sentence_of(error, computes).split()))
-            raise typer.Exit(BAD_INPUT if isinstance(error, BAD_INPUTS) else FAILED) from None
+            raise typer.Exit(BAD_INPUT if _is_bad_input(error) else FAILED) from None
+
+
+def _is_bad_input(error: BaseException) -> bool:
+    too_long = isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG
+    return too_long or isinstance(error, BAD_INPUTS)
 
 
 def _sentence_of(error: BaseException, computes: bool) -> str:

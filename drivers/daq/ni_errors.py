@@ -50,10 +50,13 @@ def need(who: str, package: str) -> None:
     Raises
     ------
     DeviceNotFound
-        It cannot; the message says what to install.
+        It cannot; the message says what to install or to change.
     """
     try:
         __import__(package)
+    except OSError as error:  # such as of nidaqmx, which reads settings near the current folder
+        remedy = "change to a folder that exists and can be read"
+        raise DeviceNotFound(f"{who}: {package} was not loaded ({error}); {remedy}") from None
     except ImportError as error:
         what = "nidaqmx[grpc]" if package == "grpc" else package
         raise DeviceNotFound(

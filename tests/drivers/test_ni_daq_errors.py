@@ -385,6 +385,20 @@ def test_a_missing_package_names_what_to_install(ni, monkeypatch, package, what)
             ni_daq.find()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="a current folder is not removed there")
+def test_a_package_that_is_loaded_in_a_folder_that_was_removed(tmp_path):
+    code = (
+        f"import os\nos.chdir({str(tmp_path)!r})\nos.rmdir({str(tmp_path)!r})\n"
+        "from drivers.errors import DeviceNotFound\nfrom drivers.daq import ni_daq\n"
+        "try:\n    ni_daq.find()\nexcept DeviceNotFound as error:\n    print(error)"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=400
+    )
+    assert "nidaqmx was not loaded" in found.stdout
+    assert "change to a folder that exists" in found.stdout
+
+
 def test_the_module_loads_no_vendor_library():
     code = (
         "import sys, drivers.daq.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} &"
