@@ -75,9 +75,9 @@ class InterfaceView(Panel):
         self._image = self._reference = self._frame = self._circles = self.field = None
         if not self.locked.isChecked():
             self._held.clear()
-        camera = setup.config.camera
-        size = camera.width, camera.height
-        self.canvas.begin_run(size, self._mm, setup.grid_rect_px, camera.angle)
+        camera, is_back = setup.config.camera, setup.config.run.direction < 0
+        size, angle = (camera.width, camera.height), camera.angle + math.pi * is_back
+        self.canvas.begin_run(size, self._mm, setup.grid_rect_px, angle)
         self.cut.begin_run()
         self._show_ends()
         self._show_cut()

@@ -342,13 +342,23 @@ def test_a_new_run_shows_all_again(picture: InterfaceView, run: ScriptedRun, qtb
     assert picture.field is None
 
 
-def test_a_camera_that_is_turned_shows_no_drive_along_its_rows(
+def test_the_axis_is_named_by_the_way_of_the_drive_in_the_picture(
     picture: InterfaceView, run: ScriptedRun
 ) -> None:
     setup = setup_of(run)
-    camera = replace(setup.config.camera, angle=np.pi / 2)
-    picture.show_setup(replace(setup, config=replace(setup.config, camera=camera)))
-    assert picture.canvas.axes[1].labelText == "x (mm)"
+
+    def name(angle: float, way: float) -> str:
+        config = setup.config
+        camera, plan = replace(config.camera, angle=angle), replace(config.run, travel=way * 1e-4)
+        config = replace(config, camera=camera, run=plan)
+        picture.show_setup(replace(setup, config=config))
+        return picture.canvas.axes[1].labelText
+
+    assert "→" in name(0.0, 1.0)
+    assert "→" in name(np.pi, -1.0)
+    assert "←" in name(0.0, -1.0)
+    assert "←" in name(np.pi, 1.0)
+    assert name(np.pi / 2, 1.0) == name(np.pi / 2, -1.0) == "x (mm)"
 
 
 def test_the_picture_keeps_its_shape_when_zoomed(

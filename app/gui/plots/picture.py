@@ -45,7 +45,7 @@ COLOURS = 255  # of a map; index 0 is what was not measured
 DIFFERENCE = "difference (grey levels)"
 MARGIN = 0.01  # about the image, of its size
 SCALE_BAR = 0.2  # of the width that is seen of the picture, at least
-TURNED = math.radians(5.0)  # of the drive against the rows, which then are not its direction
+ALONG = math.cos(math.radians(5.0))  # least cosine of the drive to the rows that is along them
 LEAST_NAMED = 8.0  # radius on the screen, px
 BAR_PX, CROSS_PX, NAME_PX = 14, 7, 30
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -111,7 +111,7 @@ class PicturePlot(Plot):
         self.recolour()
 
     def _name_x(self, angle: float) -> None:
-        along = "→" if abs(angle) < TURNED else "←" if abs(angle) > math.pi - TURNED else ""
+        along = "→" if math.cos(angle) > ALONG else "←" if math.cos(angle) < -ALONG else ""
         self.axes[1].setLabel(f"x, driving direction {along} (mm)" if along else "x (mm)")
 
     def begin_run(self, size: tuple[int, int], mm: float, grid: Rect, angle: float = 0.0) -> None:
