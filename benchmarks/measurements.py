@@ -29,15 +29,16 @@ from benchmarks.report import ROOT, Figure, Results, code_of
 
 RESULTS = ROOT / "benchmarks" / "results"
 PAGE = ROOT / "docs" / "measurements.md"
-UNPUBLISHED = "## Not published"
+OLDER = "older than the code"
 INTRODUCTION = """\
 # Measurements
 
 This page shows how accurate and how fast SlipScope is, and which disturbances it withstands. Each
 row is a figure with a promised bound, and its value is the worst of all runs. Where three figures
-or more of one result share a bound and the last part of their names, the worst of them has the row.
-Simulated experiments are compared with the true values of the simulated world, which the analysis
-does not see. A result is published only if the measured code has not changed since its commit.
+or more of one result share a bound and the last part of their names, or count losses, the worst of
+them has the row. Simulated experiments are compared with the true values of the simulated world,
+which the analysis does not see. A verdict is *older than the code* if the measured code has changed
+since the commit of all results of its figure.
 
 `python -m benchmarks.measurements --show NAME` prints all figures of a result with its complete
 command; `--run NAME` measures it again."""
@@ -83,14 +84,14 @@ def benchmark_of(results: Results) -> str:
     return words[3] if words[:3] == ["python", "-m", "benchmarks"] else ""
 
 
-def page(results: dict[str, Results], unpublished: Sequence[str] = ()) -> str:
+def page(results: dict[str, Results], older: Sequence[str] = ()) -> str:
     """The page as Markdown, from results by name and the names of those that are outdated."""
-    published = {name: one for name, one in results.items() if name not in unpublished}
     rows: dict[str, list[str]] = {topic: [] for topic in TOPICS}
-    for (subject, name), found in merged(promises(published)).items():
+    for (subject, name), found in merged(promises(results, older)).items():
         result, worst = max(found, key=lambda one: _excess(one[1]))
         source = results[result]
         verdict = "**missed**" if worst.is_missed else "kept"
+        verdict += f", **{OLDER}**" * (result in older)
         cells = [f"{subject}: {name}", worst.text(bound=False, mark=False), worst.bound(), verdict]
         cells += [f"`{result}`", ", ".join(source.machine.split(", ")[:2])]
         cells += [str(source.date), source.commit]
@@ -99,18 +100,15 @@ def page(results: dict[str, Results], unpublished: Sequence[str] = ()) -> str:
     heads = ("promise", "value", "at most", "verdict", "NAME", "machine", "date", "commit")
     parts = [INTRODUCTION]
     for topic, lines in rows.items():
-        table_ = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|", *lines]
-        parts += [f"## {topic}", "\n".join(table_) if lines else "No current result."]
-    promised = [n for n in unpublished if any(f.at_most is not None for f in results[n].figures)]
-    if promised:
-        names = ", ".join(f"`{name}` ({results[name].commit})" for name in promised)
-        why = "The code measured by these results has changed since the commit in brackets:"
-        parts += [UNPUBLISHED, _wrapped(f"{why} {names}.")]
+        head = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
+        parts += [f"## {topic}", "\n".join([*head, *lines])]
     return "\n\n".join(parts) + "\n"
 
 
-def promises(results: dict[str, Results]) -> Promises:
-    """The figures with a bound, by subject and name, each with the result that it is from."""
+def promises(results: dict[str, Results], older: Sequence[str] = ()) -> Promises:
+    """The figures with a bound, by subject and name, each with the result that it is from; those of
+    results that are `older` where there are no others.
+    """
     found = defaultdict(list)
     for result in sorted(results, key=lambda name: (results[name].subject, name)):
         for figure in results[result].figures:
@@ -119,21 +117,23 @@ def promises(results: dict[str, Results]) -> Promises:
                 words = [figure.table, figure.name, figure.column]
                 name = ", ".join(word for word in words if word and not word[0].isdigit())
                 found[results[result].subject, name].append((result, figure))
-    return found
+    return {name: [one for one in all_ if one[0] not in older] or all_
+            for name, all_ in found.items()}  # fmt: skip
 
 
 def merged(found: Promises) -> Promises:
     """Three promises or more of one result, with one bound and the same last part of their names,
-    as one that names the worst.
+    as one that names the worst; and so all losses of one result.
     """
     alike = defaultdict(list)
     for (subject, name), figures in found.items():
         result, figure = figures[0]
-        kind = name.rpartition(", ")[2] if ", " in name else ""
-        alike[subject, result, figure.bound(), kind or name].append((subject, name))
+        kind: object = name.rpartition(", ")[2] if ", " in name else name
+        kind = LOSSES if LOSSES.search(name) else kind
+        alike[subject, result, figure.bound(), kind].append((subject, name))
     rows: Promises = {}
-    for names in alike.values():
-        if len(names) < 3:
+    for (*_, kind), names in alike.items():
+        if len(names) < (2 if kind is LOSSES else 3):
             rows |= {name: found[name] for name in names}
             continue
         worst = max(names, key=lambda name: max(_excess(figure) for _, figure in found[name]))
