@@ -7,14 +7,16 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Any
 
 from analysis.options import Section
-from drivers.errors import DeviceNotFound
+from drivers.errors import DeviceNotFound, DeviceTimeout
+from drivers.turns import done_beside
 
+MAKE_S = 30.0  # a class of somebody else that makes no device within it is given up
 NEEDS = {
     "real": ("settings", "clock"),
     "emulated": ("settings", "clock", "world"),
@@ -75,15 +77,29 @@ class Driver:
         return found
 
     def make(self, *needs: Any) -> Any:
-        """The device, from what its nature needs; `UnknownDevice` where the class is no driver:
-        nothing else that a settings file names is called.
+        """The device, from what its nature needs.
+
+        Raises
+        ------
+        UnknownDevice
+            The class is no driver: nothing else that a settings file names is called.
+        DeviceTimeout
+            The class, which did not come with the program, does not return.
         """
         if not (hasattr(self.driver_class, "open") and hasattr(self.driver_class, "close")):
             raise UnknownDevice(
                 f"{self.kind}: the class '{self.where}' cannot be opened and closed as a driver;"
                 " name the class of the driver"
             )
-        return self.driver_class(*needs)
+        if self.own_nature:
+            return self.driver_class(*needs)
+        call = done_beside(partial(self.driver_class, *needs), MAKE_S)
+        if not call.done():
+            raise DeviceTimeout(
+                f"{self.kind}: the driver '{self.where}' was not made within {MAKE_S:g} s and was"
+                " given up; let its `open` wait for the device, not its `__init__`"
+            )
+        return call.result()
 
     @property
     def nature(self) -> str:

@@ -13,8 +13,9 @@ from analysis.options import as_written, option, options
 from app.cli.inspect import changed_settings
 from app.settings import config
 from app.settings.config import ConfigError, from_record, load, revised, to_toml
+from drivers import sources
 from drivers.bench import make_bench
-from drivers.errors import DeviceNotFound
+from drivers.errors import DeviceNotFound, DeviceTimeout
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sources import DRIVERS, UnknownDevice, driver, offered
 
@@ -128,6 +129,24 @@ def test_a_class_that_is_no_driver_is_not_called():
     settings = load(None, ["actuator.source=subprocess:Popen"])
     with pytest.raises(UnknownDevice, match="'subprocess:Popen' cannot be opened and closed"):
         make_bench(ForceSettings(), CameraSettings(), settings.actuator)
+
+
+HANGS = """
+import threading
+
+class Stage:
+    def __init__(self, settings, clock): threading.Event().wait(20)
+    def open(self): ...
+    def close(self): ...
+"""
+
+
+def test_a_driver_that_is_never_made_is_given_up_by_its_name(lab, monkeypatch):
+    lab(HANGS)
+    monkeypatch.setattr(sources, "MAKE_S", 0.1)
+    actuator = load(None, ["actuator.source=lab_stage:Stage"]).actuator
+    with pytest.raises(DeviceTimeout, match=r"^actuator: .*'lab_stage:Stage' was not made within"):
+        make_bench(ForceSettings(), CameraSettings(), actuator)
 
 
 def test_installed_packages_offer_drivers_by_name(lab, monkeypatch):
