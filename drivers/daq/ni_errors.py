@@ -55,7 +55,7 @@ def need(who: str, package: str) -> None:
     try:
         __import__(package)
     except OSError as error:  # such as of nidaqmx, which reads settings near the current folder
-        remedy = "change to a folder that exists and can be read"
+        remedy = f"change to a folder that exists, or install {package} again"
         raise DeviceNotFound(f"{who}: {package} was not loaded ({error}); {remedy}") from None
     except ImportError as error:
         what = "nidaqmx[grpc]" if package == "grpc" else package
