@@ -65,7 +65,7 @@ def measure(
         results = folder / "results.h5"
         code, cost = analysed(sessions, results, jobs, preset)
         size = sum(path.stat().st_size for path in sessions)
-        report.table("What it costs")
+        report.table("Costs")
         for name, value, unit, at_most in (
             ("sessions", len(sessions), "", None),
             ("images", sum(t["images"] for t in truths.values()), "", None),

@@ -26,7 +26,7 @@ from benchmarks.report import Report
 from drivers.sim.images import Renderer
 from drivers.sim.world import World
 
-SUBJECT = "What a frame costs, by what is asked for"
+SUBJECT = "Cost of a frame, by the results that are asked for"
 SERIES = 10
 CONTACT = Product.CONTACT | Product.SETTLED
 ASKED = {

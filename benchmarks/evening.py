@@ -146,7 +146,7 @@ def many_closes(report: Report, number: int) -> bool:
                 print(f"closed after {seconds:.2f} s: exit code {done.returncode}")
             ended_well += not done.returncode and is_readable
     report.add("windows closed at random instants", number)
-    report.add("that did not end by themselves in good order", number - ended_well, at_most=0)
+    report.add("that did not end by themselves and properly", number - ended_well, at_most=0)
     report.add("of them with a session, which opens", sessions)
     report.add("longest from the opening, beyond the time of the close", longest_s, "s")
     return ended_well == number

@@ -43,11 +43,17 @@ FIRST_BY = 15  # niceness: a thread of a test in real time outweighs some thirty
 # where Python keeps the tests that it has compiled: there from the first collection on
 KEPT_TESTS = Path(__file__).parent / "session" / "__pycache__"
 COMPILE = """
+import sys
+from functools import partial
 from app.evaluation.compiling import compile_analysis
-from app.settings.sections import Config
+from app.runs.live import prepare
+from app.settings.config import load
 
-compile_analysis(Config())
+for config in (load(None, [setting]) for setting in sys.argv[1:]):
+    prepare(config, partial(compile_analysis, config), lambda what: None)
 """
+# what nearly all tests need, and then what many would compile side by side
+COMPILED = (["dic.method=shared", "dic.preset=accurate"], ["dic.method=icgn", "dic.method=direct"])
 
 
 class Room:
@@ -115,20 +121,20 @@ def pytest_xdist_auto_num_workers() -> int:
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Before the whole suite: compile once what nearly all of it needs, not in each process."""
+    """Before the whole suite: compile once what much of it needs, not in each process."""
     config = session.config
     if fcntl is not None:
         config.stash[ROOM] = Room(str(config.rootpath))
     if config.option.file_or_dir or config.option.collectonly or hasattr(config, "workerinput"):
         return
-    once = [[sys.executable, "-c", COMPILE]]
-    if not KEPT_TESTS.exists():
-        once.append([sys.executable, "-m", "pytest", "--collect-only", "-qq", "-n", "0"])
-    begun = [
-        subprocess.Popen(each, cwd=config.rootpath, stdout=subprocess.DEVNULL) for each in once
-    ]
-    for each in begun:
-        each.wait()
+    first, then = ([sys.executable, "-c", COMPILE, *each] for each in COMPILED)
+    collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-n", "0"]
+    for once in ([first], [then] if KEPT_TESTS.exists() else [then, collect]):
+        begun = [
+            subprocess.Popen(each, cwd=config.rootpath, stdout=subprocess.DEVNULL) for each in once
+        ]
+        for each in begun:
+            each.wait()
 
 
 @pytest.hookimpl(wrapper=True)

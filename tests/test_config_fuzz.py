@@ -39,6 +39,7 @@ def read_or_refused(path: Path, overrides: list[str]) -> Config | None:
         return None
 
 
+@pytest.mark.slow
 @settings(
     max_examples=100,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

@@ -54,6 +54,7 @@ def module(tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_damaged_code_is_compiled_anew_and_told_once(module, tmp_path):
     assert module() == []
     files = sorted((tmp_path / "kept").rglob("double*.nb?"))
@@ -89,6 +90,7 @@ def test_a_disk_without_room_does_not_stop_what_is_computed(module, tmp_path):
     assert "cannot be kept" in told[-1]
 
 
+@pytest.mark.slow
 def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path):
     """A user without a home, whose compiled code goes to the folder for temporary files."""
     copy = tmp_path / "program"
@@ -179,6 +181,7 @@ def caller(x):
 """
 
 
+@pytest.mark.slow
 def test_an_edit_of_a_function_changes_those_in_other_files_that_hold_it(tmp_path):
     """And a copy of the same files, made later somewhere else, needs to compile nothing."""
     package = tmp_path / "analysis"

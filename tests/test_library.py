@@ -61,6 +61,7 @@ def test_the_types_are_shipped(package: str) -> None:
     assert shipped.issuperset((ROOT / package).rglob("*.pyi"))
 
 
+@pytest.mark.slow
 def test_scripts_that_import_the_library_are_checked(tmp_path: Path) -> None:
     kept = Path(os.environ.get("MYPY_CACHE_DIR", ROOT / ".mypy_cache")).absolute()
     for name, script in SCRIPTS.items():

@@ -28,6 +28,7 @@ def test_that_crashes(): ctypes.string_at(0)
 QUIET = "import time\ndef test_a(): time.sleep(0.5)\ndef test_b(): time.sleep(0.5)\n"
 
 
+@pytest.mark.slow
 def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
     options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
     words = shlex.split(options["addopts"].replace("-n logical", "-n 2"))

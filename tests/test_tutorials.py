@@ -80,6 +80,7 @@ def test_the_command_line_understands_every_command() -> None:
         program.commands[name].make_context(name, arguments)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["evening", "images", pytest.param("hil", marks=pytest.mark.long)])
 def test_a_tutorial_works_as_it_is_written(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

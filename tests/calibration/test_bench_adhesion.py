@@ -17,6 +17,7 @@ SHORT = JkrOptions(
 HIDDEN = 'sim.errors=["sample.young_modulus 1.15"]'  # the settings say 3.43 MPa
 
 
+@pytest.mark.slow
 def test_loading_and_unloading_tell_modulus_and_work_of_adhesion(tmp_path):
     calibration = AdhesionCalibration()
     recorded(calibration, SHORT, tmp_path / "a.h5", *SMALL, HIDDEN, "sim.adhesion=[70, 70]",
@@ -53,6 +54,7 @@ def test_neither_a_known_distortion_nor_unequal_pixels_change_the_result(tmp_pat
     assert stated == pytest.approx(abs(changed - told["modulus_pa"].value), rel=0.1)
 
 
+@pytest.mark.slow
 def test_an_edge_that_rests_as_the_load_falls_is_refused(tmp_path):
     """The work of adhesion is larger as the faces part: at first the radius stays as it was."""
     calibration = AdhesionCalibration()

@@ -24,6 +24,7 @@ def values(found):
     return {one.key: one for one in found.result.values}
 
 
+@pytest.mark.slow
 def test_the_slow_stage_is_measured_to_a_thousandth(tmp_path):
     calibration, options = ActuatorCalibration(), ActuatorOptions(travel=60e-6, velocity=10e-6)
     config = recorded(calibration, options, tmp_path / "a.h5", "sim.drive_angle=1")

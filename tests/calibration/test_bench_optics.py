@@ -94,6 +94,7 @@ def test_the_scale_of_a_picture(tmp_path, target):
         evaluated(ScaleCalibration(), [path], ScaleOptions())
 
 
+@pytest.mark.slow
 def test_the_pattern_of_unequal_pixels(tmp_path):
     calibration, options = PatternCalibration(), PatternOptions(pictures=40)
     sessions = recorded(calibration, options, tmp_path, "sim.unequal_pixels=1.5")

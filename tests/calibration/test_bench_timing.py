@@ -45,6 +45,7 @@ def test_channels_without_a_common_signal_and_benches_without_a_counter_are_refu
         calibration.fit({"rate_hz": np.array(1000.0)}, options)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [240.0, 3600.0])
 def test_the_camera_s_clock_is_recorded_and_compared_with_the_board(tmp_path, time):
     calibration, options = Synchronisation(), SynchronisationOptions(time=time, camera_clock=True)

@@ -57,6 +57,7 @@ def friction(config, path):
     return P, Q / P, np.hypot(sd, cross)
 
 
+@pytest.mark.slow
 def test_a_calibration_brings_forces_within_their_stated_uncertainty(tmp_path):
     before, (plan,) = bench(), ForceCalibration().plan(bench(), WEIGHTS)
     found = evaluated(ForceCalibration(), [recorded(plan, tmp_path / "weights.h5")], WEIGHTS)

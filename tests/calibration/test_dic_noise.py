@@ -84,6 +84,7 @@ def test_the_lens_is_left_out_of_sigma():
     assert found.sigma[0] == pytest.approx(before.sigma[0], rel=0.25)
 
 
+@pytest.mark.slow
 def test_uncertainty_of_sigma_is_its_scatter():
     clean, rng = series(1, 0.0)[::2], np.random.default_rng(9)
     settings, found = Correlation(threads=1), []

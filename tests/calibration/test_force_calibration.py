@@ -42,6 +42,7 @@ def table(rows):
     return TABLE + "".join(",".join(map(str, row)) + "\n" for row in rows)
 
 
+@pytest.mark.slow
 def test_weights_on_a_simulated_bench_tell_its_hidden_constants(session, tmp_path):
     found = evaluated(ForceCalibration(), [session], SHORT)
     settings = found.certificate.settings
@@ -60,6 +61,7 @@ def test_weights_on_a_simulated_bench_tell_its_hidden_constants(session, tmp_pat
     assert config.uncertainty.coupling < 2e-4
 
 
+@pytest.mark.slow
 def test_simulated_benches_are_within_the_stated_uncertainties():
     found = seen_by(hung, 60)
     for name, one in found.items():

@@ -48,6 +48,7 @@ def pressed_on_a_marked_lens(angle):
     return pictures, stage, Q
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "angle_from"), [(30, "angle"), (180, "angle"), (-75, "motion"), (180, "motion")]
 )

@@ -16,6 +16,7 @@ from analysis.calibration.photon_transfer import (
 )
 
 
+@pytest.mark.slow
 def test_the_truth_is_within_the_stated_uncertainty():
     for one in seen_by(photons, SEEDS // 2).values():
         holds(pulls(one))

@@ -94,6 +94,7 @@ def test_a_block_that_is_moved_tells_the_pattern(marks, most):
     assert found.is_bad[MIDDLE].mean() < 0.02 + 3 * is_mark[MIDDLE].mean()
 
 
+@pytest.mark.slow
 def test_the_spread_of_unequal_pixels_is_read_neither_too_small_nor_too_large():
     """Waves along the motion are found in part; the border of the picture is told by few."""
     spreads = []

@@ -25,6 +25,7 @@ from analysis.calibration.stage_motion import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [velocity, velocity_jitter])
 def test_velocity_holds_its_uncertainty_and_a_thousandth(kind):
     (found,) = seen_by(kind).values()

@@ -44,6 +44,7 @@ def test_jitter_and_odd_exposures():
         exposure_lag(np.full(50, np.nan), RATE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("skew_s", [2e-5, -5e-4])
 def test_skew_of_two_channels(skew_s):
     (found,) = seen_by(lambda seed: skew(seed, skew_s), SEEDS // 2).values()
@@ -64,6 +65,7 @@ def test_two_channels_without_a_common_delay_are_refused():
         channel_skew(*rng.standard_normal((2, 500)), RATE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("correlation", [0.0, 0.8])
 def test_drift_of_a_clock_over_an_hour(correlation):
     (found,) = seen_by(lambda seed: clocks(seed, correlation)).values()
@@ -80,6 +82,7 @@ def rates(rng, time, kind):
     return drift + np.cumsum(rng.normal(0, 2e-9, len(time)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["warming", "wandering"])
 def test_a_clock_that_changes_within_an_hour_is_as_uncertain_as_its_rate(kind):
     """The drift of any five minutes, as of a run, is within the stated uncertainty."""

@@ -61,6 +61,7 @@ def is_any(folder: Path, *endings: str) -> bool:
     return any(path.name.endswith(endings) for path in folder.glob("*"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "kills"), [(0, 1), *(pytest.param(n, 4, marks=pytest.mark.long) for n in range(1, 4))]
 )
@@ -105,6 +106,7 @@ def test_kills_at_any_moment_cost_one_run_each_and_overwrite_nothing(
             assert repaired.found.is_whole
 
 
+@pytest.mark.slow
 def test_ctrl_c_stops_the_run_in_good_order_and_the_same_command_goes_on(
     campaign: Command, tmp_path: Path, write: Write
 ) -> None:
@@ -124,6 +126,7 @@ def test_ctrl_c_stops_the_run_in_good_order_and_the_same_command_goes_on(
     assert [path.name for path in (folder / "kept").glob("*.h5")] == ["tiny-0.03N.h5"]
 
 
+@pytest.mark.slow
 def test_a_run_that_outlives_its_campaign_is_followed_to_its_end(
     tmp_path: Path, write: Write
 ) -> None:
@@ -148,6 +151,7 @@ def test_a_run_that_outlives_its_campaign_is_followed_to_its_end(
     assert whole(Path(session))
 
 
+@pytest.mark.slow
 def test_each_run_has_its_window_which_closes_for_the_next(tmp_path: Path, write: Write) -> None:
     pytest.importorskip("PySide6.QtWidgets", exc_type=ImportError)  # a minimal Linux
     file = write(*TWO_LOADS)

@@ -116,6 +116,7 @@ def test_a_picture_that_a_kill_has_left_out_is_drawn_when_the_campaign_goes_on(
     assert not (tmp_path / "tiny" / SESSIONS[0]).with_suffix(".png").exists()
 
 
+@pytest.mark.slow
 def test_the_page_shows_every_run_its_numbers_and_its_picture(
     campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

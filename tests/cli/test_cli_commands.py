@@ -195,6 +195,7 @@ def test_info_tells_what_the_session_holds(
         assert words in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("cheap")
 def test_what_the_operator_says_is_in_the_report_of_a_run_and_in_info(slipscope: Command) -> None:
     said = {"sample": "PDMS-7", "operator": "Élise", "note": "dusty\tglass"}
@@ -225,6 +226,7 @@ def test_config_prints_the_settings_file(slipscope: Command) -> None:
     assert tomllib.loads(result.stdout)["run"]["normal_force"] == 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -59,6 +59,7 @@ def write_fields(
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["axisymmetric", "regularised", "cgls", "van-cittert"])
 def test_every_method_finds_the_force_the_far_displacement_and_the_profile(
     slipscope: Command, tmp_path: Path, method: str
@@ -193,6 +194,7 @@ def test_a_session_knows_what_it_was_measured_on(slipscope: Command, session: Pa
     assert found[-1]["Q_n"] == pytest.approx(0.93 * 0.03, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_fields_of_a_session_give_the_same_from_their_own_table(
     slipscope: Command, session: Path
 ) -> None:

@@ -183,6 +183,7 @@ def test_the_figure_draws_the_columns_of_the_table(
         assert label.endswith(f"({unit})"), label
 
 
+@pytest.mark.slow
 def test_the_figure_can_be_a_page(slipscope: Command, tmp_path: Path) -> None:
     assert slipscope("model", "-o", "m.pdf", "--length", 0).exit_code == 0
     assert (tmp_path / "m.pdf").read_bytes().startswith(b"%PDF")

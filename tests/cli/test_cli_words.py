@@ -49,6 +49,7 @@ def test_help_names_no_type_after_an_option_without_a_value(
     assert "BOOLEAN" not in shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shell", "words"),
     [("bash", "complete -o default -F"), ("zsh", "#compdef slipscope"), ("fish", "complete --")],

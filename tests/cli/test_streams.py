@@ -45,6 +45,7 @@ def environment(**more):
     return os.environ | {"PYTHONPATH": str(ROOT)} | more
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_does_not_end_a_run(tmp_path):
     process = subprocess.Popen(
         [*RUN, "-o", "a.h5"],
@@ -76,6 +77,7 @@ def test_the_answer_to_a_stop_steers_no_terminal(capsys, monkeypatch):
     assert capsys.readouterr().err == "slipscope: it answered \\x1b[2J\n"
 
 
+@pytest.mark.slow
 def test_a_name_that_can_not_be_printed_is_written_with_escapes(tmp_path):
     # bytes that are no text can be a name on Linux only
     name = f"ü$a^${os.fsdecode(bytes([255])) if sys.platform == 'linux' else ''}.h5"

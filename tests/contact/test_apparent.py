@@ -16,6 +16,7 @@ def _assert_found(contact, radius, centre, radius_px=6.4, centre_px=8.0):
     assert contact.notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("radius", "law"), [(220, 0.5), (480, 0.5), (350, 0.0)])
 def test_full_size_pictures(pair, radius, law):
     background, image = pair(radius, (1200, 1600), radius, (806.3, 592.1), law=law)

@@ -66,6 +66,7 @@ def rough_scatter(rng, P, h, density=0.004, pixel=7.04e-6):
     return x[kept] / pixel, y[kept] / pixel, (a + np.sqrt(rough_world.R * h)) / pixel
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("P", "seeds"), [(0.1, 12), (0.5, 6), (1.4, 4)])
 def test_a_soft_edge_is_seen_as_one(P, seeds):
     errors, sds, shares = [], [], []

@@ -220,6 +220,7 @@ def test_a_mask_and_a_region_leave_the_rest_out(pictures, tmp_path, method):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scale", "full_scale"), [(257, 0), (16, 4095)])
 def test_images_of_twelve_and_sixteen_bits(tmp_path, scale, full_scale):
     """Twelve bits in a file of sixteen: saturation is seen, also if the full scale is not given."""

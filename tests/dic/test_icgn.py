@@ -82,6 +82,7 @@ def noisy(image, noise, seed):
     return image + noise * np.random.default_rng(seed).normal(size=image.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("masked", [False, True])
 def test_a_point_agrees_with_regression_after_regression(speckle, masked, monkeypatch):
     reference = noisy(speckle.grey(), 2, 1)

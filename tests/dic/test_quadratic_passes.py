@@ -35,6 +35,7 @@ def contact(drive: float) -> ExactMotion:
     return ExactMotion(0.0, drive, 30.0, 150.0, (240.0, 180.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("box", "step"), [(50, 10), (38, 10), (25, 8)])
 def test_the_same_as_each_box_by_itself(box: int, step: int) -> None:
     images = [camera(PATTERN.grey(contact(drive)), 1, RNG) for drive in (0.5, 1.0)]
@@ -103,6 +104,7 @@ def test_a_box_whose_quadratic_can_not_be_solved_for_is_no_measurement() -> None
     assert not ok[flat].any()
 
 
+@pytest.mark.slow
 def test_the_noise_is_that_of_a_smaller_box() -> None:
     """Its variance, and what neighbours share of it, as inversions expect it."""
     ratios, sums, grey = [], [], PATTERN.grey(ExactMotion.uniform(0.4))

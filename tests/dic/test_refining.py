@@ -128,6 +128,7 @@ def test_after_a_dark_image_all_points_are_found_where_they_have_gone() -> None:
     assert np.abs(misses(field, 9.4)).max() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_another_surface_is_not_recognised(method: str) -> None:
     found = total = 0
@@ -198,6 +199,7 @@ def test_masked_pixels_are_not_looked_at(method: str) -> None:
     assert np.sqrt(np.mean((field.ux_px[far] - 0.3) ** 2)) < (0.012 if method == "shared" else 0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("contrast", [2.5, 40.0])
 @pytest.mark.parametrize("noise", [0.0, 16.0])

@@ -137,6 +137,7 @@ def test_kernels_are_compiled_whatever_is_asked_of_the_picture(part: str, settin
     compile_kernels(Correlation(threads=1, **settings), np.uint8, part)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("way_off", [(340, 240, 470, 350), (250, 20, 470, 120)])
 def test_a_live_run_measures_in_a_region_away_from_the_corner(
     tmp_path: Path, way_off: tuple[int, int, int, int]

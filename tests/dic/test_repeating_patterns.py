@@ -90,6 +90,7 @@ def test_a_point_that_may_be_another_periods_says_so(method: str) -> None:
         assert (field.status == Status.AMBIGUOUS).mean() > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("period", [6, 12, 20])
 def test_what_repeats_itself_moves_with_the_speckle_beside_it(method: str, period: int) -> None:

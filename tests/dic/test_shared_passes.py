@@ -153,6 +153,7 @@ def small_fields() -> list[list[list[list[float]]]]:
     return found
 
 
+@pytest.mark.slow
 def test_kernels_give_the_same_without_the_compiler() -> None:
     code = f"""
 import json, numpy as np
@@ -202,6 +203,7 @@ def test_noise_is_not_amplified_where_the_field_is_graded() -> None:
     assert outside < 0.0064
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     ("box", "step", "noise"), [(10, 10, 1), (20, 5, 4), (21, 10, 2), (40, 10, 2), (24, 30, 1)]

@@ -25,6 +25,7 @@ def ask(clock, at_s, *, starts_s=0.01, ppm=0.0, behind=0.0, takes_s=0.002, pace=
     clock.anchor(max(0, math.floor(newest)), at_s, at_s + takes_s)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pace", [1.0, 2.0])
 @pytest.mark.parametrize("ppm", [-600, -100, 0, 100, 600])
 def test_the_bound_stays_close_for_hours_and_is_never_passed(ppm, pace):

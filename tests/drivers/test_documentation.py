@@ -43,6 +43,7 @@ def test_a_bench_that_comes_with_the_program_is_well_formed(name):
     assert config.from_data(tomllib.loads(text), name) == settings
 
 
+@pytest.mark.slow
 def test_the_examples_of_tests_with_a_bench_run(tmp_path):
     plugin, tests = re.findall(r"^```python\n(.*?)```", TEXT, re.DOTALL | re.MULTILINE)
     (tmp_path / "conftest.py").write_text(plugin)

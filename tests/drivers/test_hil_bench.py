@@ -25,6 +25,7 @@ def simulated(tmp_path_factory):
     return run.wait(400)
 
 
+@pytest.mark.slow
 def test_every_trigger_and_sample_is_accounted_for(hil):
     assert (hil.outcome.state, hil.outcome.reason) == ("done", "the drive of 60 um is complete")
     assert hil.is_accounted_for()
@@ -47,6 +48,7 @@ def test_the_forces_are_those_of_the_world_to_the_bit(hil):
     np.testing.assert_array_equal(hil.volts[:1250], again.advance(1250).volts[:1250])
 
 
+@pytest.mark.slow
 def test_the_results_are_those_of_the_simulated_bench_within_noise(hil, simulated):
     # a busy machine skips some
     every_frame = Reanalysis(

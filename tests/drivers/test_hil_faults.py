@@ -19,6 +19,7 @@ def ended(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
     """A corrupt picture is kept, and a noisy line is asked again."""
     e = ended(
@@ -41,6 +42,7 @@ def test_losses_are_found_at_their_true_index_and_the_run_goes_on(ended):
     assert e.wrong_frames() == [30]
 
 
+@pytest.mark.slow
 def test_an_exposure_that_is_not_counted_shifts_no_frame(ended):
     e = ended("uncounted-exposure 20", "uncounted-exposure 40 2")
     assert e.outcome.state == "done", e.outcome.reason
@@ -49,6 +51,7 @@ def test_an_exposure_that_is_not_counted_shifts_no_frame(ended):
     assert e.wrong_frames() == [] or e.uncertain  # a busy machine may be too late to prove it
 
 
+@pytest.mark.slow
 def test_a_broken_exposure_wire_is_told_by_name(ended):
     e = ended("exposure-wire 30", pace=1.0)
     assert e.is_accounted_for()
@@ -104,6 +107,7 @@ def test_a_saturated_sensor_ends_the_run_by_its_name(ended):
     assert e.stands()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "words"),
     [

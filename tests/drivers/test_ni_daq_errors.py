@@ -117,6 +117,7 @@ def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
     forces.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["kill", "freeze"])
 def test_a_server_that_dies_in_the_middle_of_a_read_is_told(ni, end):
     code = (

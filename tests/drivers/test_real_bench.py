@@ -75,6 +75,7 @@ def real(tmp_path):
         bench.end()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("travel", [8, -8])
 @pytest.mark.parametrize("deaf_s", [0.0, 0.004])
 def test_a_drive_goes_by_what_was_asked_either_way_also_with_a_strict_controller(
@@ -120,6 +121,7 @@ def test_what_the_drive_would_fail_at_is_told_before_anything_is_measured(
     assert not bench.sent(b"PA")
 
 
+@pytest.mark.slow
 def test_forces_behind_a_slow_line_begin_no_drive(real, tmp_path):
     bench = real("limits.age=0.2", "run.background_time=0", "forces.buffer=60")
     check = bench.server.board.check

@@ -223,6 +223,7 @@ def again(path, recorded, *sources, sabotage=lambda run: None):
     return outcome
 
 
+@pytest.mark.slow
 def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
     outcome = again(tmp_path / "all.h5", recorded, "forces", "camera", "actuator")
     assert outcome.state == "done", outcome.reason
@@ -237,6 +238,7 @@ def test_a_bench_of_recordings_repeats_the_experiment(recorded, tmp_path):
     assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_recording_does_not_run_ahead_of_an_analysis_however_slow(
     recorded, tmp_path, monkeypatch
 ):
@@ -267,6 +269,7 @@ def test_recorded_pictures_and_forces_with_a_simulated_stage(recorded, tmp_path)
     assert outcome.summary.mu_s == pytest.approx(recorded[1].summary.mu_s, rel=0.01)
 
 
+@pytest.mark.slow
 def test_recorded_forces_lead_the_simulated_world(recorded, tmp_path):
     """The stage and the camera are simulated, the clock is the recording's: the world shows its
     contact at the samples that are played.
@@ -277,6 +280,7 @@ def test_recorded_forces_lead_the_simulated_world(recorded, tmp_path):
     assert outcome.summary.onset_time_s == pytest.approx(recorded[1].summary.onset_time_s, abs=0.3)
 
 
+@pytest.mark.slow
 def test_a_recorded_stage_moves_the_simulated_contact(recorded, tmp_path):
     outcome = again(tmp_path / "followed.h5", recorded, "actuator")
     assert outcome.state == "done", outcome.reason

@@ -35,6 +35,7 @@ def test_no_frame_is_certain_and_wrong(mode):
     assert certain > 1000 or mode == NEITHER  # it is easy to be certain of nothing
 
 
+@pytest.mark.slow
 def test_within_an_hour_of_faults_few_frames_are_uncertain_and_none_is_wrong():
     plan = Plan(600, 3600.0, delay_s=0.7, jitter_s=0.05, drift_s=0.6, is_slewed=True)
     for n, kind in enumerate((*FAULTS, "uncounted exposure", "missed trigger")):
@@ -44,6 +45,7 @@ def test_within_an_hour_of_faults_few_frames_are_uncertain_and_none_is_wrong():
     assert found["uncertain"] < 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", MODES)
 def test_a_sound_bench_with_a_witness_is_certain_of_all(mode):
     """With both at any delay; with one where images come before the next exposure."""
@@ -123,6 +125,7 @@ def late(periods, divisor=42):
     return 0.003 + periods * divisor / 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "faults"),
     [
@@ -152,6 +155,7 @@ def test_a_delay_of_a_period_proves_nothing(mode, faults, periods):
     assert found["certain and right"] >= 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mode", "divisor", "where"), [(BOTH, 42, 20_000), (COUNT, 125, 7_000)])
 def test_after_a_quarter_of_an_hour_an_exposure_not_counted_is_found_by_causality(
     mode, divisor, where
@@ -173,6 +177,7 @@ def test_an_exposure_by_noise_is_no_frame_of_a_trigger():
     assert world.numbers.account.surplus == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", WITNESSED)
 @pytest.mark.parametrize("where", [0, 30])
 def test_an_exposure_by_noise_takes_no_place_of_an_image_that_was_lost(mode, where):
@@ -182,6 +187,7 @@ def test_an_exposure_by_noise_takes_no_place_of_an_image_that_was_lost(mode, whe
         assert not any(a.is_certain and getattr(a, "image", 0) == -1 for a in answers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [0, 1, 30])
 @pytest.mark.parametrize("periods", [0.6, 1.1, 1.9])
 def test_noise_that_takes_the_place_of_an_exposure_not_counted_shifts_no_frame(periods, where):
@@ -201,6 +207,7 @@ def test_after_an_image_without_an_id_the_first_with_one_is_no_noise():
         assert played(BOTH, plan, seed)[2]["uncertain"] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mode", "faults", "periods"),
     [

@@ -56,6 +56,7 @@ def test_a_frame_that_fails_once_is_analysed_after_a_restart(tmp_path):
     assert comparison.all_identical, comparison.first_difference
 
 
+@pytest.mark.slow
 def test_what_was_begun_before_a_restart_is_done_again(tmp_path, monkeypatch):
     measure, followed = Pipeline._measure, []
 
@@ -74,6 +75,7 @@ def test_what_was_begun_before_a_restart_is_done_again(tmp_path, monkeypatch):
     assert comparison.all_identical, comparison.first_difference
 
 
+@pytest.mark.slow
 def test_frames_that_always_fail_are_recorded_and_left_out(tmp_path):
     outcome = run_with(tmp_path / "a.h5", lambda index: index in (40, 41, 60))
     counts = outcome.counts

@@ -65,6 +65,7 @@ def concluded(*known: str, **errors: float) -> Summary:
         return conclude(*world_of(known, **errors), []).summary
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "of_world", "size"),
     [
@@ -94,6 +95,7 @@ def test_the_share_of_an_input_is_what_the_world_does(
         assert -told == pytest.approx(off, abs=0.15 * abs(told) + 1.5e-3), quantity
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "of_world", "size"),
     [
@@ -277,6 +279,7 @@ def test_a_result_that_an_input_takes_away_is_named(how: str) -> None:
     assert note.endswith("with another lens compliance")
 
 
+@pytest.mark.slow
 def test_what_has_no_budget_is_among_the_notes_of_the_results(monkeypatch) -> None:
     results_of = conclusions.results_of
 
@@ -293,6 +296,7 @@ def test_what_has_no_budget_is_among_the_notes_of_the_results(monkeypatch) -> No
     assert any("uncertainty by inputs of law length is not known" in note for note in s.notes)
 
 
+@pytest.mark.slow
 def test_a_law_that_few_frames_do_not_tell_is_told_by_all(monkeypatch) -> None:
     """The budget takes some frames; where these have no law and all have one, it takes all."""
     whole = concluded("lens_compliance")

@@ -83,6 +83,7 @@ def accounted(path, outcome):
     return True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("error", "pace"), [(PermissionError(13, "not you"), None), (Vanished("away"), 1.0)], ids=repr
 )

@@ -55,6 +55,7 @@ def profiles(tmp_path_factory):
         return path, run_to(path, "recording.results=profiles")
 
 
+@pytest.mark.slow
 def test_profiles_are_recorded_without_fields_and_are_those_of_whole_fields(whole, profiles):
     path, outcome = profiles
     snapshots, _ = content(path)
@@ -90,6 +91,7 @@ def test_a_further_analysis_computes_all_fields(profiles, whole):
     np.testing.assert_array_equal(last.field.ux_px, held.field.ux_px)
 
 
+@pytest.mark.slow
 def test_forces_alone_need_no_correlation(tmp_path, monkeypatch):
     monkeypatch.setattr(
         "app.evaluation.pipeline.open_tracker", lambda *_: pytest.fail("images were correlated")
@@ -103,6 +105,7 @@ def test_forces_alone_need_no_correlation(tmp_path, monkeypatch):
     assert replayed(tmp_path / "x.h5").comparison().all_identical
 
 
+@pytest.mark.slow
 def test_a_window_that_opens_during_a_run_of_forces_is_shown_fields(tmp_path):
     def sabotage(run):
         step = run._analysis.pipeline.step
@@ -138,6 +141,7 @@ class BusyProcessor(Quality):
         return super().took(0.0, took_s, 0, self.now_s)
 
 
+@pytest.mark.slow
 def test_a_slow_processor_is_given_less_which_is_recorded_and_repeated(tmp_path):
     settings = "dic.quality=auto", "camera.divisor=50"
     busy = BusyProcessor(config.load(None, (*SETTINGS, *settings)))

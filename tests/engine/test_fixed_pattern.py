@@ -111,6 +111,7 @@ def test_a_run_tells_a_pattern_and_undoes_it_where_it_is_asked_to(
     assert all(word in told[0] for word in words)
 
 
+@pytest.mark.slow
 def test_a_pattern_is_undone_in_the_frames_of_the_run_itself(tmp_path: Path) -> None:
     """The way of the contact's centre is nearer to that of a camera with equal pixels."""
     size = ("camera.width=640", "camera.height=480", "run.travel=40")

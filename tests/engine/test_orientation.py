@@ -55,6 +55,7 @@ TURNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", TURNS)
 def test_a_picture_turned_or_mirrored_gives_the_same_numbers(upright, expected, turned):
     turn, angle, more = TURNS[turned]
@@ -76,6 +77,7 @@ def test_a_picture_turned_or_mirrored_gives_the_same_numbers(upright, expected, 
 ACROSS = "sim.image_drift=[0.006, 0.008]"
 
 
+@pytest.mark.slow
 def test_any_angle_and_a_picture_that_drifts(tmp_path, expected):
     used, frames = recorded(tmp_path / "a.h5", "sim.drive_angle=143", ACROSS)
     snapshots, summary = analysed(used, frames)
@@ -117,6 +119,7 @@ def test_the_direction_is_that_of_the_points_outside_the_contact():
         assert exact == (round(math.cos(exact.angle)), round(math.sin(exact.angle)))
 
 
+@pytest.mark.slow
 def test_a_block_behind_its_place_in_the_reference_has_the_results_of_the_same_drive(tmp_path):
     steps = '{do="background"}, {do="approach"}, {do="reference"}'
     steps += ', {do="drive", travel=48}, {do="drive", travel=-110}'

@@ -44,6 +44,7 @@ def whole(recorded):
     return analysed(*recorded)[0]
 
 
+@pytest.mark.slow
 def test_a_region_leaves_what_is_measured_in_it_as_it_is(recorded, whole):
     used, frames = recorded
     region = ("inside 60 20 420 20 420 340 60 340", "outside 60 20 130 20 130 90 60 90")
@@ -79,6 +80,7 @@ def test_a_reference_whose_pattern_repeats_itself_is_noted_once(recorded):
         assert len(said) == count, pipeline.notes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "skipped",
     [
@@ -104,6 +106,7 @@ def test_skipped_frames_change_other_fields_by_a_small_part_of_their_uncertainty
         assert np.sqrt(np.nanmean(change**2)) < 0.12
 
 
+@pytest.mark.slow
 def test_skipped_frames_change_no_other_field_of_the_direct_search(recorded):
     _, frames = recorded
     direct = config.load(None, [*OVERRIDES, "dic.method=direct", "dic.search=16"])
@@ -279,6 +282,7 @@ def test_a_drive_the_other_way_is_the_same_drive_turned_by_half_a_turn(recorded)
     np.testing.assert_allclose(b.rings.ux_m[:10], a.rings.ux_m[:10], rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "more", [(), ("camera.readout=0.03",), ("dic.update=every", "dic.update_every=7")]
 )

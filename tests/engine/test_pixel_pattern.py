@@ -82,6 +82,7 @@ def off_m(folder, name):
     return np.sqrt(np.mean([np.nanmean((a[: len(b)] - b[: len(a)]) ** 2) for a, b in pairs]))
 
 
+@pytest.mark.slow
 def test_unequal_pixels_pull_displacements_and_their_map_undoes_it(folder):
     assert off_m(folder, "mapped.h5") < 0.25 * off_m(folder, "raw.h5")
     with SessionReader(folder / "mapped.h5") as session:

@@ -93,6 +93,7 @@ def test_the_end_wakes_whoever_waits(paused):
     wait_until(lambda: done == ["over"])
 
 
+@pytest.mark.slow
 def test_any_frame_is_shown_as_it_was_recorded_and_the_replay_is_the_same_to_the_bit(session):
     replay = Replay(session, pace=None)
     replay.playback.pause()

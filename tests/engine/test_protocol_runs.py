@@ -97,6 +97,7 @@ def session(tmp_path_factory: Any) -> tuple[Path, Outcome, World]:
     return path, outcome, world
 
 
+@pytest.mark.slow
 def test_every_kind_of_step_is_done_and_recorded(session: tuple[Path, Outcome, World]) -> None:
     path, outcome, _ = session
     assert (outcome.state, outcome.reason) == ("done", "all 14 steps are complete")
@@ -241,6 +242,7 @@ def test_a_condition_of_the_analysis_ends_a_drive(tmp_path: Path) -> None:
     assert world.stage_m() < 22e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("steps", "overrides", "words"),
     [

@@ -58,12 +58,14 @@ def size(value: float, truth: float, sd: float, share: float) -> float:
     return abs(value - truth) / math.hypot(sd, share * value)
 
 
+@pytest.mark.slow
 def test_a_bench_without_faults_is_told_none() -> None:
     s = concluded()
     assert notes_of(s) == ""
     assert s.systematic("law_mu") < 0.02
 
 
+@pytest.mark.slow
 def test_what_the_settings_do_not_know_is_told_and_is_in_the_uncertainty() -> None:
     """Zeros, cross terms, and a camera that creeps along the drive, all at once."""
     still, s = concluded(), concluded(ERRORS, "sim.image_drift=[0.003, 0]")
@@ -87,6 +89,7 @@ def test_what_the_settings_do_not_know_is_told_and_is_in_the_uncertainty() -> No
     assert abs(s.onset_time_s - still.onset_time_s) < 1.5 * s.systematic("onset_time") * 5.5
 
 
+@pytest.mark.slow
 def test_hum_that_all_frames_see_in_one_phase_changes_neither_friction_nor_modulus() -> None:
     """Three periods of 50 Hz from frame to frame; the forces of the frames are those of samples. By
     those of the exposures P was 0.109 N, and E 0.33 % too small. The law's friction is that of all
@@ -111,6 +114,7 @@ LOADED = (*ONE_WAY, "run.travel=120", "run.normal_force=0.3", "sim.force_noise=0
 LATE = ("sim.sensor_delay=45", "sim.sensor_filter=45")
 
 
+@pytest.mark.slow
 def test_sensors_that_read_late_are_told_and_in_the_uncertainty() -> None:
     at_once, late = concluded(*FAST), concluded(*FAST, *LATE)
     assert "after the shear" not in notes_of(at_once)
@@ -129,6 +133,7 @@ def test_sensors_that_read_late_are_told_and_in_the_uncertainty() -> None:
     assert "delay of the forces" not in at_once.budget_inputs
 
 
+@pytest.mark.slow
 def test_a_delay_of_the_settings_is_taken_off() -> None:
     at_once = concluded(*FAST)
     with without_budget():

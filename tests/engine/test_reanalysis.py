@@ -81,6 +81,7 @@ def analysed(session, name, *overrides, **options):
     return analysis.wait(PATIENCE_S), analysis.output
 
 
+@pytest.mark.slow
 def test_the_same_settings_give_the_same_bits_and_the_session_is_not_touched(session):
     before = hashlib.sha256(session.read_bytes()).digest()
     outcome, path = analysed(session, "again.h5")
@@ -195,6 +196,7 @@ def test_forces_follow_the_constants_of_the_sensors(session):
         np.testing.assert_allclose(new.forces().forces, 2 * before, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_analysis_of_an_analysis_refers_to_the_images_too(other):
     outcome, second = analysed(other, "c.h5", "dic.step=12")
     assert outcome.state == "done"

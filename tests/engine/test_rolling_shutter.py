@@ -167,6 +167,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_replay_gives_the_same_bits_and_the_session_says_by_what_it_is_corrected(
     session: Path,
 ) -> None:

@@ -119,6 +119,7 @@ def test_the_summary_is_the_simulated_truth(small_run):
     assert any("Q_s from" in note and "samples of the" in note for note in summary.notes)
 
 
+@pytest.mark.slow
 def test_two_runs_are_equal_whatever_the_pace(small_run, tmp_path):
     """Pace 40 stands for real time: the clock on the wall decides when blocks come and so which
     frames are skipped, and nothing else.
@@ -136,6 +137,7 @@ def test_two_runs_are_equal_whatever_the_pace(small_run, tmp_path):
     assert replayed(tmp_path / "b.h5").comparison().all_identical
 
 
+@pytest.mark.slow
 def test_a_reference_that_takes_longer_than_forces_may_be_old_does_not_end_the_drive(tmp_path):
     def slow(run):
         take = run._analysis.pipeline._take_reference
@@ -176,6 +178,7 @@ def test_replay_skips_what_the_live_run_skipped(small_run, tmp_path):
     assert not all(same(whole[n], s) for n, s in holed.items())
 
 
+@pytest.mark.slow
 def test_a_session_from_before_there_was_a_choice_of_method_replays_to_the_bit(tmp_path):
     """Its settings name no method, its fields have no uncertainties: it was measured by the direct
     search.
@@ -258,6 +261,7 @@ def stopped_by_itself(journal):
     return "stop" in journal.calls[journal.calls.index("move_to") :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "culprit", ["forces.read", "forces.backlog", "camera.read", "actuator.position_m"]
 )
@@ -420,6 +424,7 @@ def test_too_many_lost_frames_end_the_run_by_name(tmp_path):
     assert "6 of 28 triggers have no image, limits.lost_frames is 0.2" in outcome.reason
 
 
+@pytest.mark.slow
 def test_a_lost_frame_keeps_its_index_and_shifts_nothing(small_run, tmp_path):
     def sabotage(run):
         read = run._bench.camera.read

@@ -69,6 +69,7 @@ def test_slide_hold_slide_gives_the_ageing_of_the_world(tmp_path: Path) -> None:
     assert len(slide_rows(summary)) == 7
 
 
+@pytest.mark.slow
 def test_cyclic_shear_gives_the_hysteresis_of_the_world(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     summary, world = ran(

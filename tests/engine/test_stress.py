@@ -177,6 +177,7 @@ def test_a_disk_slower_than_the_data_ends_the_run_by_name_and_loses_nothing(tmp_
     assert s.counts.samples < s.stage_stands_since() + 2 * DIVISOR
 
 
+@pytest.mark.slow
 def test_a_disk_that_pauses_for_less_than_the_queue_holds_costs_nothing(tmp_path):
     pauses = []
 
@@ -195,6 +196,7 @@ def test_a_disk_that_pauses_for_less_than_the_queue_holds_costs_nothing(tmp_path
     assert s.fills[-1] < 0.1
 
 
+@pytest.mark.slow
 def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_path):
     def slow_down(s):
         step = s.run._analysis.pipeline.step
@@ -217,6 +219,7 @@ def test_an_analysis_ten_times_too_slow_costs_nothing_but_its_own_frames(tmp_pat
     assert s.fills.max() < 0.9
 
 
+@pytest.mark.slow
 def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_path):
     """Else the drive would begin with seconds of forces not looked at, and the limits with them."""
     began = []
@@ -242,6 +245,7 @@ def test_a_reference_that_takes_long_is_waited_for_with_the_forces_read_on(tmp_p
     assert 8000 <= drive - began[0] < 8000 + 2 * DIVISOR
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["by itself", "by a fault of the stage"])
 def test_what_the_board_holds_when_the_run_ends_is_read(tmp_path, ending):
     """A program that is seconds behind its board knows where the stage is now, and reads what was

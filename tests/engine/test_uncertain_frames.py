@@ -39,6 +39,7 @@ def run_with(path, is_doubtful, *settings):
     return run, run.wait(300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "words"),
     [(range(60, 70), "the results do without them"), (range(200), "the results rest on them too")],
@@ -78,6 +79,7 @@ def revoked_run(tmp_path_factory):
     return revoked
 
 
+@pytest.mark.slow
 def test_a_doubt_changes_no_displacement(tmp_path, small_run):
     plain = small_run[1]
     _, doubtful = run_with(tmp_path / "b.h5", lambda index: index == 60, *SMALL)
@@ -86,6 +88,7 @@ def test_a_doubt_changes_no_displacement(tmp_path, small_run):
     assert not any("uncertain" in note for note in plain.summary.notes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [60, None])
 def test_an_account_that_does_not_hold_revokes_certainty(revoked_run, first):
     path, run, outcome = revoked_run(first)

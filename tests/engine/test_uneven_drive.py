@@ -32,6 +32,7 @@ def driven(folder: Path, *settings: str) -> tuple[Summary, dict[str, float]]:
         return session.summary, true_values(Recorded(session, bench.world))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("turn", "least"), [(50, 10.0), (120, -math.inf)])
 def test_the_onset_of_a_drive_by_a_screw_with_an_error_is_that_of_the_world(
     tmp_path: Path, turn: int, least: float

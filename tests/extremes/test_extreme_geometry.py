@@ -40,6 +40,7 @@ def layer_by_quadrature(r: float, nu: float, thickness: float) -> tuple[float, f
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nu", [0.0, 0.5])
 @pytest.mark.parametrize("furthest", [1.0, 39.0, 41.0, 300.0, 1000.0])
 def test_a_layer_is_right_near_the_load_however_far_the_grid_reaches(
@@ -111,6 +112,7 @@ def test_the_smallest_grids_have_the_closed_form(shape: tuple[int, int]) -> None
     assert moved[0, 0] == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_grid_of_2000_by_2000_points_moves_like_a_point_force_far_away() -> None:
     n, nu = 2000, 0.5
     green = SurfaceGreen((n, n), PITCH, E, nu)

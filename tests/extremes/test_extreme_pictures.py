@@ -52,6 +52,7 @@ def strangers() -> Iterator[tuple[str, np.ndarray]]:
     yield "mirrored", REFERENCE[:, ::-1].copy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("box", [12, 20])
 @pytest.mark.parametrize("method", METHODS)
 def test_no_point_of_a_stranger_is_found_and_the_next_picture_is(method: str, box: int) -> None:
@@ -98,6 +99,7 @@ def test_a_light_ten_times_as_strong_is_no_displacement(method: str, factor: flo
     assert np.abs(field.ux_px - 0.5).max() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("level", "contrast"), [(0.0, 1e-4), (1e5, 1.0), (-1e3, 1.0), (0.0, 1e6), (1e6, 1e5)]
 )
@@ -150,6 +152,7 @@ def test_a_box_larger_than_the_picture_and_a_mask_without_a_pixel_are_refused() 
             open_tracker(Correlation(method=method), REFERENCE, usable=np.zeros(SHAPE, np.bool_))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_one_point_per_pixel_agrees_with_a_coarse_grid_and_with_any_number_of_threads(
     method: str,
@@ -179,6 +182,7 @@ def test_what_is_measured_in_a_region_of_one_point_does_not_depend_on_it(method:
         open_tracker(Correlation(method=method), REFERENCE, roi=(94, 65, 85, 74))
 
 
+@pytest.mark.slow
 def test_single_precision_agrees_with_double_to_a_thousandth_of_the_noise(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

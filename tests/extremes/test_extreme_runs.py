@@ -89,6 +89,7 @@ def test_frames_that_are_missing_move_the_onset_by_no_more_than_is_stated(lost: 
     assert found.static_force == pytest.approx(0.4, abs=0.04 if "onset" in lost else 0.01)
 
 
+@pytest.mark.slow
 def test_the_onset_of_a_run_of_days_is_found_among_a_million_frames() -> None:
     t = np.arange(1_000_000) / 8
     u = np.maximum(0, SPEED * (t - 30_000)) + noise(2e-8, len(t))
@@ -277,6 +278,7 @@ def test_samples_that_were_lost_are_no_force() -> None:
     assert history.conditions(20_100).normal_force_n == 1
 
 
+@pytest.mark.slow
 def test_the_results_of_a_hundred_thousand_frames_stay_small() -> None:
     series = Series()
     ring = RingProfile(*np.zeros((3, 5)))
@@ -342,6 +344,7 @@ def pictures(kind: str, n: int) -> list[np.ndarray]:
     return [SPECKLE.image(noise=1, seed=k) for k in range(n)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "normal", "shear"),
     [

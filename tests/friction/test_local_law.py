@@ -53,7 +53,14 @@ def found(P, h, seed=3, noise=NOISE, draws=DRAWS):
     return run, fit_local_law(rings, P, Q, inversion(P), draws=draws)
 
 
-@pytest.mark.parametrize(("P", "h"), [(0.1, ROUGH), (0.5, SMOOTH), (1.4, ROUGH)])
+@pytest.mark.parametrize(
+    ("P", "h"),
+    [
+        (0.1, ROUGH),
+        pytest.param(0.5, SMOOTH, marks=pytest.mark.slow),
+        pytest.param(1.4, ROUGH, marks=pytest.mark.slow),
+    ],
+)
 def test_the_law_and_the_pressure_are_found_whatever_the_pressure_is(P, h):
     run, law = found(P, h)
     assert law.mu == pytest.approx(world.MU, rel=0.01)

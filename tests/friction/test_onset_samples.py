@@ -41,7 +41,7 @@ def test_between_frames_q_s_is_too_low_where_q_bends_and_says_by_how_much():
 
 
 @pytest.mark.parametrize("world", ["plain", "hum", "slow", "lost"])
-@pytest.mark.parametrize("normal", [0.1, 0.5])
+@pytest.mark.parametrize("normal", [0.1, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_the_stated_uncertainties_are_the_scatter(world, normal):
     """Of Q_s, mu_s and mu_d."""
     onsets, error = drives(world, 5.0, 150, normal=normal)

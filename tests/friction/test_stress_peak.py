@@ -121,6 +121,7 @@ def _scores(estimate, calibration, profiles, truth):
     return bias, scatter, float(np.mean(np.abs(error) < corrected[..., 1]))
 
 
+@pytest.mark.slow
 def test_both_estimates_of_c_are_brought_to_the_maximum_of_the_true_stress():
     run, peak, live = _inverted_peak()
     loading = AxisymmetricLoading(SphereContact(P, world.E, world.NU, world.R, world.MU, world.L))

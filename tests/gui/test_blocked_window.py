@@ -1,6 +1,7 @@
 """A window that is blocked for ten seconds in the middle of a live run delays nothing else."""
 
 import numpy as np
+import pytest
 from processes.launched import wait_until
 from short_run import SMALL
 
@@ -14,6 +15,7 @@ BLOCKED_S = 10.0  # of the bench, which is faster here than a real one
 DIVISOR = 125
 
 
+@pytest.mark.slow
 def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtbot, tmp_path):
     settings = config.load(None, [*SMALL, "run.travel=130", "limits.age=10"])
     run = live.make_run(settings, tmp_path / "x.h5", pace=4.0)

@@ -169,6 +169,7 @@ def taken_unattended(qtbot: QtBot, panel: CampaignPanel, model: WindowModel) -> 
     return run
 
 
+@pytest.mark.slow
 def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:

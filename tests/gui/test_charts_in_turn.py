@@ -68,7 +68,8 @@ def test_the_picture_is_made_in_the_thread_that_reads_the_run(
     run = make_run()
     window = open_window(run)
     begin(qtbot, window, run, 55)
-    qtbot.wait(50)  # it has been painted
+    qtbot.wait(50)
+    window.grab()  # it has been painted, also on a busy computer
     make, threads = raster._Image._scaled_part, list[str]()
 
     def noted(image: raster._Image, *place: object) -> object:

@@ -267,6 +267,7 @@ class Evening:
         assert not {name for name in kept if "unfinished" in name or name.startswith("third")}
 
 
+@pytest.mark.slow
 def test_an_evening_by_mouse(qtbot: QtBot, window: MainWindow, made: list) -> None:
     mouse = Mouse(qtbot, window)
     evening = Evening(qtbot, window, made, mouse)

@@ -104,6 +104,7 @@ def light(window: MainWindow) -> tuple[str, str]:
     return window.strip.light.toolTip(), window.strip.sentence.text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "settings", "lost", "why"),
     [
@@ -128,6 +129,7 @@ def test_what_is_lost_is_red_by_name_and_the_run_is_done(ended, beeps, fault, se
     assert not beeps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "settings"),
     [
@@ -150,6 +152,7 @@ def test_what_costs_nothing_is_no_alarm(ended, beeps, fault, settings):
     assert not beeps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frame", "words"), [(12, "A picture is damaged"), (6, "pictures are damaged")]
 )

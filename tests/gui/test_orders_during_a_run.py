@@ -126,6 +126,7 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     assert samples[0] > 0
 
 
+@pytest.mark.slow
 def test_no_key_but_its_own_pauses_or_notes(qtbot: QtBot, window: MainWindow) -> None:
     panel, keyboard = panel_of(window), Keyboard(qtbot, window)
     Mouse(qtbot, window).go_to("experiment")

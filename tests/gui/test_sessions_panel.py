@@ -107,6 +107,7 @@ def choose(qtbot, panel, *names):
         qtbot.mouseClick(panel.list.viewport(), LEFT, key, place)
 
 
+@pytest.mark.slow
 def test_a_folder_that_is_dropped_is_listed_with_state_load_and_friction(qtbot, panel, folder):
     drop(panel, folder)
     found = listed(qtbot, panel, 3)

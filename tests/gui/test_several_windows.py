@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from pathlib import Path
 
+import pytest
 import shiboken6
 from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication, QTreeWidgetItem
@@ -51,6 +52,7 @@ def items_of_python() -> list[QTreeWidgetItem]:
     return [one for one in gc.get_objects() if isinstance(one, QTreeWidgetItem)]
 
 
+@pytest.mark.slow
 def test_windows_come_and_go_and_leave_no_item_of_a_list(qtbot: QtBot, tmp_path: Path) -> None:
     first = opened(qtbot, tmp_path)
     second = opened(qtbot, tmp_path)

@@ -33,6 +33,7 @@ def in_a_thread(window: MainWindow) -> None:
     threading.Thread(target=fails).start()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", [in_a_slot, in_a_done_callback, in_a_thread])
 def test_an_exception_is_a_notice_and_in_the_log_and_the_window_goes_on(
     qapp: QApplication, monkeypatch: pytest.MonkeyPatch, where: Callable[[MainWindow], None]

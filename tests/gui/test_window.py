@@ -442,6 +442,7 @@ def test_a_program_that_is_told_to_end_stops_the_motion_and_closes(qapp: QApplic
     assert outcome.reason == "STOP MOTION was pressed"
 
 
+@pytest.mark.slow
 def test_a_window_on_a_run_of_others_leaves_it_running(qapp: QApplication) -> None:
     run, told = make_run(), threading.Event()
     run.stays = True

@@ -132,6 +132,7 @@ def test_too_few_iterations_are_flagged(problem, clean):
     )
 
 
+@pytest.mark.slow
 def test_van_cittert_converges_on_any_grid_mask_and_unit():
     rng = np.random.default_rng(5)
     for _ in range(300):

@@ -197,6 +197,7 @@ def whole_run(path, *overrides):
     return outcome
 
 
+@pytest.mark.slow
 def test_a_run_with_webcam_and_stage_of_a_lab(tmp_path, film, monkeypatch):
     line = SerialLine(ZaberEmulator(time.monotonic))
     line.start()

@@ -3,6 +3,7 @@
     python -m tests.mutants                 # all of them, beside one another on all cores
     python -m tests.mutants supervisor dic  # those whose file or sentence holds one of these words
     python -m tests.mutants --sample 100    # so many of them, drawn at random
+    python -m tests.mutants --quick         # without the slow tests, as `pytest` itself
     python -m tests.mutants --list
 
 Each break stands in one of the files `*.toml` of this folder: what it does to the program, the
@@ -68,9 +69,10 @@ def copy_to(folder: Path) -> None:
             shutil.copy(source, folder / name)
 
 
-def run_tests(folder: Path, tests: list[str]) -> tuple[int, str]:
+def run_tests(folder: Path, tests: list[str], is_quick: bool) -> tuple[int, str]:
     """Exit code of pytest in a copy, and the line that names the failure (or the last line)."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-p", "no:cacheprovider"]
+    command += [] if is_quick else ["-m", "not long"]
     # each copy keeps its compiled modules, for the next break leaves nearly all of them as they are
     kept = {"PYTHONDONTWRITEBYTECODE": "", "PATIENCE_MS": "20000"}
     environment = os.environ | kept | {"PYTHONPATH": str(folder)}
@@ -91,7 +93,7 @@ def run_tests(folder: Path, tests: list[str]) -> tuple[int, str]:
     return done.returncode, (named or lines)[-1]  # the logs before have errors, too
 
 
-def try_break(one: Break, copies: Queue[Path]) -> tuple[int, str, float]:
+def try_break(one: Break, copies: Queue[Path], is_quick: bool) -> tuple[int, str, float]:
     """Exit code of its tests, the first failure, and how long it took in seconds."""
     folder, began = copies.get(), time.monotonic()
     path = folder / one.file
@@ -100,7 +102,7 @@ def try_break(one: Break, copies: Queue[Path]) -> tuple[int, str, float]:
         if sound.count(one.before) != 1:
             return 4, f"the text before occurs {sound.count(one.before)} times", 0.0
         path.write_text(sound.replace(one.before, one.after), encoding="utf-8")
-        code, failure = run_tests(folder, one.tests)
+        code, failure = run_tests(folder, one.tests, is_quick)
         return code, failure, time.monotonic() - began
     finally:
         path.write_text(sound, encoding="utf-8")
@@ -111,6 +113,7 @@ def main() -> int:
     """Try them, and print what became of each."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("words", nargs="*", help="only breaks whose place or sentence holds one")
+    parser.add_argument("--quick", action="store_true", help="leave the slow tests out")
     parser.add_argument("--list", action="store_true", help="print them and do nothing")
     parser.add_argument("--sample", type=int, metavar="N", help="N of them, drawn at random")
     parser.add_argument("--seed", type=int, default=0, help="of the draw (default 0)")
@@ -130,7 +133,7 @@ def main() -> int:
             copy_to(Path(folder) / str(number))
             copies.put(Path(folder) / str(number))
         with ThreadPoolExecutor(chosen.j) as pool:
-            trials = {pool.submit(try_break, one, copies): one for one in some}
+            trials = {pool.submit(try_break, one, copies, chosen.quick): one for one in some}
             for trial in as_completed(trials):
                 one, (code, failure, taken_s) = trials[trial], trial.result()
                 verdict = {0: "known" if one.survives else "SURVIVED", 1: "caught"}.get(

@@ -94,6 +94,7 @@ def test_six_loads_run_and_say_what_they_show(tmp_path: Path) -> None:
     check_all(outputs(cells), *executed(tmp_path, cells))
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1200)
 def test_one_session_and_two_of_six_loads_run_and_say_what_they_show(tmp_path: Path) -> None:
     """Of each load they say what they show; what all have in common is another number."""

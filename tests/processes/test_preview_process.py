@@ -64,6 +64,7 @@ def moved_um(preview, start):
     return (preview.look().stage.position_m - start) * 1e6
 
 
+@pytest.mark.slow
 def test_a_run_follows_a_preview_of_the_same_bench(tmp_path, short_path, monkeypatch):
     monkeypatch.setattr(folders, "MEMORY", short_path)
     settings = config.load(None, [*SMALL, *EMULATED])
@@ -111,6 +112,7 @@ def test_a_run_lets_go_of_the_bench_first_and_only_the_first_replaces_its_file(
     assert did == ["closed", ("a.h5", True), ("a-2.h5", False)]
 
 
+@pytest.mark.slow
 def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_path):
     outside = OutsideStage()
     settings = config.load(None, [*SETTINGS, *outside.settings])
@@ -148,6 +150,7 @@ def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
         wait_until(lambda: shows_all(again), "the bench")
 
 
+@pytest.mark.slow
 def test_nothing_is_left_of_a_preview_that_was_closed():
     threads = threading.active_count()
     with connected() as preview:

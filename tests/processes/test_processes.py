@@ -134,6 +134,7 @@ def ended(tmp_path_factory):
     return path, run, looks
 
 
+@pytest.mark.slow
 def test_a_run_in_processes_gives_what_one_in_this_process_gives(ended):
     path, run, _ = ended
     outcome, _ = whole(path)
@@ -187,6 +188,7 @@ def test_nothing_is_left_of_a_bench_that_has_ended(ended):
     assert not (root() / run.bench.name).exists()
 
 
+@pytest.mark.slow
 @posix
 def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     path = tmp_path / "a.h5"
@@ -209,6 +211,7 @@ def test_a_killed_analysis_is_started_again_and_the_file_says_so(tmp_path):
     assert identical == frames == counts.frames_analysed, difference
 
 
+@pytest.mark.slow
 @posix
 def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     program = Program(tmp_path / "a.h5", "run.travel=30")
@@ -227,6 +230,7 @@ def test_a_run_outlives_its_killed_window_and_another_one_attaches(tmp_path):
     assert identical == frames == counts.frames_analysed > 10, difference
 
 
+@pytest.mark.slow
 @posix
 def test_a_program_that_is_told_to_end_ends_its_run_in_good_order(tmp_path):
     """So it does with each of the signals, see tests/cli."""
@@ -240,6 +244,7 @@ def test_a_program_that_is_told_to_end_ends_its_run_in_good_order(tmp_path):
     assert (outcome.state, outcome.reason) == ("done", reason)
 
 
+@pytest.mark.slow
 @posix
 def test_a_bench_that_is_told_to_end_does(tmp_path):
     with launched(tmp_path / "a.h5", *BLIND) as run:
@@ -251,6 +256,7 @@ def test_a_bench_that_is_told_to_end_does(tmp_path):
     whole(tmp_path / "a.h5")
 
 
+@pytest.mark.slow
 def test_a_question_is_answered_from_any_process(tmp_path, capfd):
     question = '{do="ask", question="Is the block clean?", timeout=900}'
     steps = f'{question}, {{do="approach"}}, {{do="reference"}}, {{do="drive", travel=8}}'
@@ -288,6 +294,7 @@ def test_a_process_that_does_not_begin_is_told_with_what_it_said(tmp_path):
     process.stdout.close()
 
 
+@pytest.mark.slow
 def test_an_analysis_whose_bench_is_killed_before_it_calls_ends(tmp_path):
     process = start_process(
         "app.processes.analysis", (config.load(None, SMALL), tmp_path / "image", None)
@@ -323,6 +330,7 @@ def test_a_stop_waits_for_no_other_order(tmp_path, caller, order):
         asks.join()
 
 
+@pytest.mark.slow
 def test_a_bench_that_nobody_starts_ends(tmp_path):
     with launched(tmp_path / "a.h5", *BLIND) as run:
         for caller in (run.looks, run._states, run.orders, run._ends, run._others):

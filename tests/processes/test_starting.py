@@ -46,6 +46,7 @@ def said_by(tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.slow
 def test_what_others_print_does_not_reach_the_report(said_by, tmp_path):
     """A vendor's library may write to standard output while it is imported, also from C."""
     report = said_by(
@@ -133,6 +134,7 @@ def preview(settings, _):
     LaunchedPreview(settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("launch", [run, preview])
 def test_a_driver_that_can_not_be_made_is_told_with_its_line(
     launch, tmp_path, short_path, monkeypatch

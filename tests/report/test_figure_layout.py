@@ -88,6 +88,7 @@ def test_the_panels_of_fig_13_are_in_order_and_their_model_is_smooth(
         np.testing.assert_allclose(at_rings, table["sigma_CM_kPa"][rows], atol=1.0)
 
 
+@pytest.mark.slow
 def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) -> None:
     every_covered, every_outside = {}, {}
     for name, one in drawn.items():
@@ -228,6 +229,7 @@ def is_same(one: Drawn, other: Drawn) -> bool:
     return one.caption == other.caption
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", ODD)
 def test_an_odd_run_is_drawn_or_left_out(
     what: str, results: StudyResults, alone: dict[str, Drawn]

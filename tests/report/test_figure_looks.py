@@ -48,6 +48,7 @@ def test_panels_stand_below_each_other_in_a_column(results: StudyResults) -> Non
     assert {one.get_subplotspec().colspan.start for one in fields} == {0, 1}
 
 
+@pytest.mark.slow
 def test_fonts_are_true_type_and_no_file_has_a_time_of_day(
     results: StudyResults, monkeypatch: pytest.MonkeyPatch
 ) -> None:

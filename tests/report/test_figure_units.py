@@ -20,6 +20,7 @@ COLUMN_UNITS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(set(FIGURES) - {"1", "2", "6a", "6b", "10", "budget"}))
 def test_what_is_drawn_are_the_columns_in_the_unit_of_the_axis(
     name: str, results: StudyResults

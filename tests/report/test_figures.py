@@ -277,6 +277,7 @@ def test_lost_points_stay_blank(loading: Any) -> None:
     assert np.argwhere(np.ma.getmaskarray(np.ma.masked_invalid(image))).tolist() == [[5, 7]]
 
 
+@pytest.mark.slow
 def test_the_picture_needs_the_fields_of_its_six_instants_only(
     loading: Any, tmp_path: Path
 ) -> None:

@@ -55,6 +55,7 @@ def data(folder: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_a_newcomer_finds_every_figure_with_its_data(folder: Path) -> None:
     names = {path.name for path in folder.iterdir()}
     figures = {f"fig{n:02d}" for n in (1, 2, 3, 5, 7, 8, 9, 10, 11, 12, 13, 14, 15)}
@@ -97,6 +98,7 @@ def test_symbols_are_printed_as_symbols_and_names_as_they_are(plain: str, shown:
     assert in_html(plain) == shown
 
 
+@pytest.mark.slow
 def test_the_same_results_are_the_same_bytes(file: Path, folder: Path, tmp_path: Path) -> None:
     """Also where they replace others, and whichever other figures there are."""
     out = tmp_path / "paper"
@@ -369,6 +371,7 @@ def test_bad_input_is_one_sentence(file: Path, tmp_path: Path) -> None:
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_a_folder_with_other_things_is_left_alone(file: Path, tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("mine")
     only = ("-o", tmp_path, "--only", "15", "--format", "svg")

@@ -204,6 +204,7 @@ def hostile(seed: int) -> Bench:
     return replace(bench, **changes[seed % len(changes)])
 
 
+@pytest.mark.slow
 def test_a_clock_is_right_within_its_uncertainty_or_not_found() -> None:
     right = 0
     for seed in range(40):
@@ -277,6 +278,7 @@ def given(folder: Path) -> Sources:
     )
 
 
+@pytest.mark.slow
 def test_images_that_pressing_moves_get_the_clock_of_the_drive(
     pushed: tuple[foreign.Lab, Path],
 ) -> None:

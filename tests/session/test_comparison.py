@@ -99,6 +99,7 @@ BLAS = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 AVX
 NUMBA = {"NUMBA_CPU_NAME": "x86-64-v2", "NUMBA_CPU_FEATURES": ""}  # all is compiled again
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("other", "named"),
     [(BLAS, ""), pytest.param(NUMBA, "x86-64-v2", marks=pytest.mark.long)],

@@ -14,6 +14,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> DamagedJournal:
     return DamagedJournal(tmp_path_factory.mktemp("killed"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_all_frames_come_back_whichever_bit_was_flipped(killed: DamagedJournal, seed: int) -> None:
     frames, samples = killed.lost_by_bit(seed)

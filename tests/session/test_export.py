@@ -76,6 +76,7 @@ def test_images_come_back_to_the_bit_with_the_fate_of_every_frame(
     assert [row["phase_sample"] for row in rows][:3] == ["0", "125", "250"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "text",
     [

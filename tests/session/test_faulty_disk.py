@@ -54,6 +54,7 @@ os.rename("torn", "kept")
 """
 
 
+@pytest.mark.slow
 def test_some_operations_of_each_scenario() -> None:
     """Of `benchmarks/faults.py`, which goes through all of them."""
     words = ["recording", "repair", "--every", "1000", "--workers", "1"]

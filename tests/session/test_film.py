@@ -153,6 +153,7 @@ def test_u_y_has_colours_about_zero_and_the_lens_moves_with_the_drive(tmp_path: 
     assert pixel(last, LEFT)[2] > pixel(last, LEFT)[0] + 50  # negative: blue
 
 
+@pytest.mark.slow
 def test_one_field_at_a_time_is_in_memory(tmp_path: Path) -> None:
     scene = film.FilmScene(X, Y, "u", (0.0, 1.0), False, math.nan, 8.0)
     alive: list[weakref.ref[np.ndarray]] = []

@@ -85,6 +85,7 @@ def check_phases(read: Understood, lab: Lab, *, clock_s: float = 0.03) -> None:
     assert (phases["drive"] - start) / rate == pytest.approx(lab.drive_s, abs=clock_s)
 
 
+@pytest.mark.slow
 def test_one_command_with_three_options(lab: Lab, folder: Path, tmp_path: Path) -> None:
     """A semicolon, a decimal comma, Latin-1, a clock that began 12.5 s earlier and steps that vary
     by 10 %, 12 bits in 16: every result is within its uncertainty of the truth.
@@ -416,6 +417,7 @@ def test_the_start_of_the_drive_is_found_however_short_the_rest_before_it(rest_s
     assert sd / 500 < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rise", "noise"),
     [

@@ -85,6 +85,7 @@ def imported(output: Path, *images: Path, **given: Any) -> Imported:
     return import_files(Sources(images=images, **given), output)
 
 
+@pytest.mark.slow
 def test_export_and_import_give_the_same_results(
     original: Path, exported: Path, tmp_path: Path
 ) -> None:
@@ -142,6 +143,7 @@ def write_foreign_forces(original: Path, path: Path) -> None:
     path.write_text("\n".join(lines), encoding="utf-8-sig")
 
 
+@pytest.mark.slow
 def test_foreign_images_and_forces(original: Path, exported: Path, tmp_path: Path) -> None:
     """Without settings and metadata: the numbers in the names, a table with its own clock and
     units, the drive where Q rises.

@@ -89,6 +89,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Recorded:
     return Recorded(tmp_path_factory.mktemp("recorded"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(16))
 def test_half_a_second_is_lost_at_most(recorded: Recorded, tmp_path: Path, seed: int) -> None:
     """Half of the cuts come at any instant, half in a flush."""

@@ -53,6 +53,7 @@ def cut_short(folder: Path) -> Session:
     return written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [1, 3, 40, 90])
 def test_a_kill_at_any_instant_loses_nothing_that_the_system_had(
     tmp_path: Path, frames: int
@@ -275,6 +276,7 @@ ODD = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("event", ODD, ids=range(len(ODD)))
 def test_record_that_is_none_is_passed_over_and_all_others_are_brought_back(
     tmp_path: Path, event: object
@@ -299,6 +301,7 @@ def test_journal_of_an_earlier_version_names_the_program_that_reads_it(tmp_path:
     assert not list(tmp_path.glob("repaired*"))
 
 
+@pytest.mark.slow
 def test_journal_can_not_ask_for_more_than_there_was(tmp_path: Path) -> None:
     """A few bytes of a journal from elsewhere could fill the disk."""
     path = cut_short(tmp_path).path
@@ -364,6 +367,7 @@ def test_failed_repair_leaves_no_output_and_the_earlier_one(
     assert (tmp_path / "repaired.h5").read_bytes() == b"earlier"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [*range(20), *(pytest.param(n, marks=pytest.mark.long) for n in range(20, 60))]
 )

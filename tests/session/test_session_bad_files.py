@@ -296,6 +296,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     return written.path.read_bytes()
 
 
+@pytest.mark.slow
 @settings(
     max_examples=60,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

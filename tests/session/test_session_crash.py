@@ -62,6 +62,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("end", ["exit", "kill"])
 def test_killed_program_leaves_everything_that_it_was_given(tmp_path: Path, end: str) -> None:
     path = tmp_path / "killed.h5"
@@ -228,6 +229,7 @@ for step in (lambda: writer.append(ended), writer.close):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("most", [100_000, 250_001])
 def test_a_disk_that_takes_no_more_ends_by_name_and_loses_nothing(
     tmp_path: Path, most: int

@@ -29,6 +29,7 @@ from app.system.errors import UserError
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="the limits of a process are POSIX's")
 def test_spoiled_sessions_and_settings_are_read_or_refused() -> None:
     """Some of the cases of `benchmarks/fuzz.py`, which holds them to their limits of time."""

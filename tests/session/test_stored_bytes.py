@@ -39,6 +39,7 @@ def of(path: Path, held: Held) -> Dataset:
     return dataset
 
 
+@pytest.mark.slow
 @settings(
     max_examples=150,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

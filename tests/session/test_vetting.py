@@ -151,6 +151,7 @@ def test_what_another_thread_has_pushed_out_is_given_all_the_same(
         assert len(list(read.frames())) == len(session.images)
 
 
+@pytest.mark.slow
 def test_a_process_that_was_killed_is_replaced(session: Session) -> None:
     SessionReader(session.path).close()
     os.utime(session.path)

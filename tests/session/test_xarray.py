@@ -61,6 +61,7 @@ def assert_named(path: Path, group: str, data: Any, without: set[str]) -> None:
         assert named <= set(data.coords)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("group", GROUPS)
 def test_each_group_has_the_sides_of_the_layout(recorded_once: Session, group: str) -> None:
     data = opened(recorded_once.path, group)
@@ -76,6 +77,7 @@ def test_an_array_that_was_not_measured_is_empty(recorded_once: Session) -> None
         assert data[name].sizes == {"rim": 0}
 
 
+@pytest.mark.slow
 def test_coordinates_are_places_and_times(recorded_once: Session) -> None:
     path = recorded_once.path
     forces, fields = opened(path, "/entry/forces"), opened(path, "/entry/fields")
@@ -94,6 +96,7 @@ def test_coordinates_are_places_and_times(recorded_once: Session) -> None:
         assert_array_equal(camera[name], np.arange(size))
 
 
+@pytest.mark.slow
 def test_fields_and_results_are_joined_by_their_frames(recorded_once: Session) -> None:
     fields = opened(recorded_once.path, "/entry/fields")
     results = opened(recorded_once.path, "/entry/results")

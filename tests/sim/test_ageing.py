@@ -105,6 +105,7 @@ def test_a_hold_before_it_slides_or_without_ageing_changes_nothing() -> None:
         assert np.diff(ratio).min() > -1e-9
 
 
+@pytest.mark.slow
 def test_a_second_hold_adds_to_what_is_left_of_the_first() -> None:
     world = world_of()
     go(world, 60e-6)
@@ -147,6 +148,7 @@ def test_a_halt_in_a_move_begins_a_hold() -> None:
     assert [round(hold, 3) for hold, _ in world.peaks()] == [2.0]
 
 
+@pytest.mark.slow
 def test_it_ages_on_the_way_back_as_on_the_way_forth_and_a_turn_forgets() -> None:
     world = world_of()
     go(world, 60e-6)

@@ -38,6 +38,7 @@ def command(*arguments):
     )
 
 
+@pytest.mark.slow
 def test_the_runs_come_by_load_with_what_they_have_in_common(once, sessions):
     results = read_results(once)
     assert [run.origin.session for run in results.runs] == ["load-0.06.h5", "load-0.09.h5"]
@@ -161,6 +162,7 @@ def test_a_session_of_which_no_image_can_be_read_is_a_sentence(sessions, tmp_pat
         analyze(plan, jobs=1)
 
 
+@pytest.mark.slow
 def test_altered_images_are_left_out_with_a_note(sessions, tmp_path, monkeypatch):
     monkeypatch.setattr(one, "box_noise", lambda *_: NOTHING)
     spoiled = shutil.copy(sessions[0], tmp_path / "spoiled.h5")

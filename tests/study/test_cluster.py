@@ -98,6 +98,7 @@ def test_no_client_is_made_of_what_is_no_address(sessions, tmp_path, monkeypatch
             analyze(plan, scheduler=address)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_a_sentence_within_seconds(
     sessions, tmp_path, monkeypatch
 ):

@@ -100,7 +100,9 @@ def held_in(folder):
 REASONS = {"SIGINT": "Ctrl-C", "SIGTERM": "the signal to end", "SIGHUP": "a closed terminal"}
 
 
-@pytest.mark.parametrize("name", REASONS)
+@pytest.mark.parametrize(
+    "name", ["SIGINT", *(pytest.param(name, marks=pytest.mark.slow) for name in [*REASONS][1:])]
+)
 def test_an_interrupted_command_ends_soon_and_leaves_what_was_there(name, tmp_path):
     target = tmp_path / "out.csv"
     target.write_text("earlier")
@@ -156,6 +158,7 @@ def test_each_command_that_computes_is_watched_and_known_by_what_it_has_not_fini
     assert held_in(tmp_path) == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_an_analysis_in_the_midst_of_its_work_ends_with_all_its_processes(jobs, sessions, tmp_path):
     target = tmp_path / "out.h5"

@@ -42,6 +42,7 @@ def test_what_is_written_comes_back(results, written):
     assert back.made_with == results.made_with
 
 
+@pytest.mark.slow
 def test_xarray_names_the_sides_of_every_group(written):
     """With the lengths and the coordinates of the layout, and no name that it makes up."""
     import xarray  # with pandas; each process of the suite collects this file

@@ -62,6 +62,7 @@ def measured_sigma(picture, noise: float) -> float:
     return float(np.sqrt(np.mean(errors)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("picture", "noise"),
     [

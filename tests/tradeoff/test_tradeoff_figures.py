@@ -54,6 +54,7 @@ def test_waves_are_passed_as_by_the_average_that_inversions_undo(
     assert bench.passed(tracking, box, period) == pytest.approx(average, abs=0.03)
 
 
+@pytest.mark.slow
 def test_the_presets_are_what_they_promise(bench) -> None:
     found = {}
     for name, given in {"standard": {"method": "shared", "box": 20}, **PRESETS}.items():
