@@ -280,7 +280,6 @@ def test_recorded_forces_lead_the_simulated_world(recorded, tmp_path):
     assert outcome.summary.onset_time_s == pytest.approx(recorded[1].summary.onset_time_s, abs=0.3)
 
 
-@pytest.mark.slow
 def test_a_recorded_stage_moves_the_simulated_contact(recorded, tmp_path):
     outcome = again(tmp_path / "followed.h5", recorded, "actuator")
     assert outcome.state == "done", outcome.reason

@@ -64,7 +64,6 @@ def moved_um(preview, start):
     return (preview.look().stage.position_m - start) * 1e6
 
 
-@pytest.mark.slow
 def test_a_run_follows_a_preview_of_the_same_bench(tmp_path, short_path, monkeypatch):
     monkeypatch.setattr(folders, "MEMORY", short_path)
     settings = config.load(None, [*SMALL, *EMULATED])

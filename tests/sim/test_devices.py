@@ -3,6 +3,7 @@ holds them.
 """
 
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContra
 from worlds import TINY, scenario
 
 import drivers.bench
-from drivers.bench import Bench, make_bench
+from drivers.bench import Bench, FollowedActuator, make_bench
 from drivers.contract import BrokenContract
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import TriggerTrain
@@ -334,6 +335,15 @@ def test_every_device_is_closed_even_if_one_does_not_return_from_that(monkeypatc
         bench.close()
     release.set()
     assert log[-1] == "close actuator"
+
+
+def test_a_simulated_contact_follows_a_stage_from_where_that_began(world):
+    """A stage whose scale begins elsewhere has not pushed the block by that much."""
+    positions = iter([3.0e-3, 3.02e-3])
+    stage = SimpleNamespace(position_m=lambda: next(positions))
+    followed = FollowedActuator(stage, world)
+    ways = [(followed.position_m(), world.stage_m()) for _ in range(2)]
+    assert ways == [(3.0e-3, 0.0), (3.02e-3, pytest.approx(0.02e-3))]
 
 
 def test_an_unknown_device_names_the_known_ones_and_the_nearest(monkeypatch):
