@@ -128,8 +128,7 @@ def merged(found: Promises) -> Promises:
     alike = defaultdict(list)
     for (subject, name), figures in found.items():
         result, figure = figures[0]
-        kind: object = name.rpartition(", ")[2] if ", " in name else name
-        kind = LOSSES if LOSSES.search(name) else kind
+        kind = LOSSES if LOSSES.search(name) else name.rpartition(", ")[2]
         alike[subject, result, figure.bound(), kind].append((subject, name))
     rows: Promises = {}
     for (*_, kind), names in alike.items():

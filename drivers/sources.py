@@ -16,7 +16,6 @@ from analysis.options import Section
 from drivers.errors import DeviceNotFound, DeviceTimeout
 from drivers.turns import done_beside
 
-MAKE_S = 30.0  # a class of somebody else that makes no device within it is given up
 NEEDS = {
     "real": ("settings", "clock"),
     "emulated": ("settings", "clock", "world"),
@@ -28,8 +27,15 @@ devices of the bench share, and the simulated world or the recording that it sho
 """
 
 
+MAKE_S = 30.0  # a class of somebody else that makes no device within it is given up
+
+
 class UnknownDevice(DeviceNotFound):
     """There is no driver of that name, or it cannot be imported."""
+
+
+class NeverMade(DeviceTimeout):
+    """The class of a driver, called for a device, does not return."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ class Driver:
         ------
         UnknownDevice
             The class is no driver: nothing else that a settings file names is called.
-        DeviceTimeout
+        NeverMade
             The class, which did not come with the program, does not return.
         """
         if not (hasattr(self.driver_class, "open") and hasattr(self.driver_class, "close")):
@@ -95,9 +101,9 @@ class Driver:
             return self.driver_class(*needs)
         call = done_beside(partial(self.driver_class, *needs), MAKE_S)
         if not call.done():
-            raise DeviceTimeout(
-                f"{self.kind}: the driver '{self.where}' was not made within {MAKE_S:g} s and was"
-                " given up; let its `open` wait for the device, not its `__init__`"
+            raise NeverMade(
+                f"{self.kind}: the driver '{self.where}' did not return within {MAKE_S:g} s as it"
+                " was made; let its `open` wait for the device, not its `__init__`"
             )
         return call.result()
 

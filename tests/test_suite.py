@@ -56,6 +56,15 @@ def test_the_suite_survives_a_crash_and_a_hang(tmp_path):
     assert re.fullmatch(r"2 failed, 5 passed in .*s.*", done.stdout.splitlines()[-1].strip("= "))
 
 
+def test_no_test_of_a_stop_is_left_out_as_slow():
+    """Nor one of the supervisor, or of the rules of the architecture: docs/decisions/0009."""
+    kinds = ("stop", "supervis", "architecture")
+    files = (ROOT / "tests").rglob("test_*.py")
+    kept = [path for path in files if any(kind in path.stem for kind in kinds)]
+    assert len(kept) > 8
+    assert not [path.name for path in kept if "mark.slow" in path.read_text(encoding="utf-8")]
+
+
 WITHOUT_QT = """
 import sys
 

@@ -28,7 +28,7 @@ from drivers.contracts import (
     cut_line,
 )
 from drivers.errors import DeviceError
-from drivers.sources import Driver, driver
+from drivers.sources import Driver, NeverMade, driver
 
 READ_TIMEOUT_S = 5.0
 Wrap = Callable[[Any], Any]
@@ -130,6 +130,9 @@ def check(
         means = {"pass_time": pass_time, "may_move": partial(bool, not must_not)}
         try:
             yield _finding(contract, config, means, wrap, patience)
+        except NeverMade as error:
+            yield problem(str(contract), str(error), needed=True)
+            patience.given_up.add(source)
         except WrongScale as error:
             yield problem(str(contract), str(error), needed=True)
             must_not = must_not or f"{contract} is broken; mend that first"
@@ -148,7 +151,7 @@ def _finding(
         try:
             if error := patience.aside(source, partial(_raised, tried), STEP_PATIENCE_S):
                 raise error
-        except WrongScale:
+        except (WrongScale, NeverMade):
             raise
         except NotTried as error:
             return Checked(str(contract), f"not tried: {error}", False)

@@ -21,7 +21,7 @@ def new_device(kind: str, config: Config) -> Any:
     """A device of a kind by itself, with a clock of its own."""
     settings = getattr(config, kind)
     clock = SampleClock(float(config.forces.sample_rate))
-    return driver(kind, settings.source).driver_class(settings, clock)
+    return driver(kind, settings.source).make(settings, clock)
 
 
 def main() -> None:

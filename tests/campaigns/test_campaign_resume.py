@@ -106,7 +106,6 @@ def test_kills_at_any_moment_cost_one_run_each_and_overwrite_nothing(
             assert repaired.found.is_whole
 
 
-@pytest.mark.slow
 def test_ctrl_c_stops_the_run_in_good_order_and_the_same_command_goes_on(
     campaign: Command, tmp_path: Path, write: Write
 ) -> None:

@@ -145,7 +145,9 @@ def test_a_driver_that_is_never_made_is_given_up_by_its_name(lab, monkeypatch):
     lab(HANGS)
     monkeypatch.setattr(sources, "MAKE_S", 0.1)
     actuator = load(None, ["actuator.source=lab_stage:Stage"]).actuator
-    with pytest.raises(DeviceTimeout, match=r"^actuator: .*'lab_stage:Stage' was not made within"):
+    with pytest.raises(
+        DeviceTimeout, match=r"^actuator: .*'lab_stage:Stage' did not return within"
+    ):
         make_bench(ForceSettings(), CameraSettings(), actuator)
 
 

@@ -430,8 +430,10 @@ class Stuck:
 
     def __init__(self, settings, clock):
         self.position_m = self.describe = lambda: 0.005
-        self.open = self.home = self.stop = lambda: None
+        self.home = self.stop = lambda: None
         self.is_moving = lambda: False
+
+    def open(self): ...
 
     def set_velocity(self, velocity_m_s): ...
 
@@ -456,6 +458,17 @@ def test_a_driver_that_does_not_return_from_a_call_holds_up_no_check(capsys, tmp
     assert left == ["not tried, the driver does not return from a call; mend that first"] * len(
         left
     )
+
+
+def test_a_driver_that_is_never_made_is_waited_for_once(capsys, tmp_path, monkeypatch):
+    never = STUCK.replace("settings, clock):\n", "settings, clock):\n        self.close()\n")
+    (tmp_path / "never.py").write_text(never)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("drivers.sources.MAKE_S", 0.2)
+    assert check_driver("never:Stuck", (), move=False, as_json=True) == 1
+    first, *left = (one["found"] for one in json.loads(capsys.readouterr().out)["contracts"])
+    assert "'never:Stuck' did not return within 0.2 s as it was made" in first
+    assert set(left) == {"not tried, the driver does not return from a call; mend that first"}
 
 
 LEAVES_A_PROGRAM = """
