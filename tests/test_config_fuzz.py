@@ -10,8 +10,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from spoiled_settings import spoil_settings
 
-from app.settings.config import ConfigError, from_record, load, values_of
+from app.settings.config import ConfigError, from_record, load, to_toml, values_of
 from app.settings.sections import Config
+from app.settings.toml_text import LONGEST_TOML, parse_toml
 
 KEYS = [f"{table}.{key}" for table, values in values_of(Config()).items() for key in values]
 PLAIN = st.one_of(st.booleans(), st.integers(-(2**70), 2**70), st.floats(), st.text(max_size=20))
@@ -100,6 +101,21 @@ def test_a_session_given_as_settings_is_not_read_whole(tmp_path: Path) -> None:
         assert tracemalloc.get_traced_memory()[1] < 1 << 23
     finally:
         tracemalloc.stop()
+
+
+def test_the_settings_of_a_run_can_be_read_from_its_session(tmp_path: Path) -> None:
+    path = tmp_path / "bench.toml"
+    asks = f'{{do = "ask", question = "{"x" * 199}."}},\n' * 190
+    contact = '{do = "approach"}, {do = "reference"}, {do = "drive"}'
+    path.write_text(f"[run]\nsteps = [\n{asks}{contact}]")
+    config = load(path)
+    assert len(written := to_toml(config)) > LONGEST_TOML
+    assert from_record(written, "sample7.h5") == config
+    numbers = [n / 10 for n in range(128)]  # a table of a driver, which is one line there
+    assert parse_toml(f"table = {numbers}") == {"table": numbers}
+    path.write_text(f"""[run]\nsteps = [{{do = "ask", question = "P{"." * 101}"}}]""")
+    with pytest.raises(ConfigError, match="more than 100"):
+        load(path)
 
 
 def test_settings_of_a_session_that_are_none_are_told() -> None:

@@ -45,7 +45,7 @@ class LiveForces(ForceReader):
             pace=1.0,
             extra_s=READ_S,
         )
-        self._free_n = FREE_SHARE * config.run.normal_force
+        self._free_n = FREE_SHARE * config.run.as_planned.normal_force
 
     def restart(self) -> None:
         """The samples are counted from 0 again."""

@@ -187,9 +187,12 @@ class Run(ObservedRun):
         return self._workers.receiver.latest_image if self._workers else None
 
     def motion(self) -> tuple[int, float, bool]:
-        """Newest sample, travel of the stage (m), and whether it drives: for a supervisor."""
+        """Newest sample, travel of the stage (m), and whether it drives: for a supervisor. No
+        more once it has taken a stop: the end of a run samples no forces, and may take a while.
+        """
+        is_driven = self._stage.is_owed or not self._ending.is_called.is_set()
         drives = self._state in ("running", "stopping") and self._experiment.phase is Phase.DRIVE
-        return self._history.end, self._stage.travel_m, drives
+        return self._history.end, self._stage.travel_m, drives and is_driven
 
     def health(self) -> Health:
         """State, counts, queue and disk at this moment."""

@@ -11,12 +11,11 @@ from pathlib import Path
 from textwrap import shorten
 from typing import Any
 
-from app.campaigns.plan import Campaign
+from app.campaigns.plan import Campaign, settings_as_planned
 from app.campaigns.state import FoundSession, RunState
 from app.records.quantities import OF_A_RUN, counted, summary_quantities
 from app.records.summary import Summary
 from app.session.files import picture_of
-from app.settings.config import keyed
 from app.system.errors import UserError
 from app.system.outputs import new_file
 from app.system.pages import page
@@ -100,7 +99,7 @@ def table(progress: Progress) -> tuple[list[str], list[list[str]]]:
     results = [f"{symbol} ({units[symbol]})" if units[symbol] else symbol for symbol in SHOWN]
     rows = []
     for run in runs:
-        found, values = progress.found[run.number], keyed(run.config)
+        found, values = progress.found[run.number], settings_as_planned(run.config)
         settings = [_text(values.get(key, "")) for key in (*COLUMNS, *varied)]
         numbers = _numbers(found.summary) if found.summary else [""] * len(SHOWN)
         rows.append([str(run.number), run.name, *settings, str(found.state), *numbers])

@@ -12,6 +12,8 @@ from itertools import count, product
 from pathlib import Path
 from typing import Any
 
+from analysis.options import as_written, quantity
+from app.settings.certificates import located
 from app.settings.config import (
     CAMPAIGNS,
     OWN,
@@ -134,6 +136,7 @@ def read_campaign(
         except ConfigError as error:
             raise ConfigError(f"{path}: bench: {error}") from None
         folders.append(bench_file(bench).resolve().parent)
+        data = located(data, folders[-1])
     common = list(_changes(said.get("settings", {}), f"{path}: [settings]"))
     last = [parse_override(text) for text in overrides]
     configs: list[Config] = []
@@ -154,10 +157,17 @@ def read_campaign(
         more = len(faults) - MOST_LISTED
         listed = faults[:MOST_LISTED] + ([f"and {more} more"] if more > 0 else [])
         raise ConfigError("; ".join(listed))
+    varied = _varied(configs)
+    idle = set.intersection(*(config.run.said_by_steps for config in configs))
+    for key in sorted(idle & varied[0].keys()):
+        raise ConfigError(
+            f"{path}: {key} differs between the runs and has no effect, because the steps of"
+            " their protocol say it themselves; take it out of the steps or out of the campaign"
+        )
     place = Path(name) if folder is None else folder
     names = _names(said.get("sessions", "{name}-{number}"), name, configs, numbers, path)
     places = [place / f"{one}.h5" for one in names]
-    runs = tuple(map(PlannedRun, count(1), places, configs, _varied(configs)))
+    runs = tuple(map(PlannedRun, count(1), places, configs, varied))
     text = "".join(f"# --set {one}\n" for one in overrides) + decoded(file.read_bytes())
     return Campaign(
         name,
@@ -167,6 +177,14 @@ def read_campaign(
         said.get("pauses", any("real" in natures_of(config.sources) for config in configs)),
         runs,
     )
+
+
+def settings_as_planned(config: Config) -> dict[str, Any]:
+    """``table.key`` -> value, with the load, velocity and travel that the steps of the run say."""
+    planned = as_written(config.run.as_planned)
+    return keyed(config) | {
+        f"run.{key}": planned[key] for key in ("normal_force", "velocity", "travel")
+    }
 
 
 def select_runs(campaign: Campaign, only: Sequence[str]) -> tuple[PlannedRun, ...]:
@@ -204,7 +222,8 @@ def orders(plan: Campaign, run: PlannedRun) -> str:
     config, others = run.config, plan.runs
     former = others[max(run.number - 2, 0)]
     before = former.config
-    parts = [f"P = {config.run.normal_force:g} N, {config.run.velocity * 1e6:g} um/s"]
+    planned = config.run.as_planned
+    parts = [f"P = {quantity(planned, 'normal_force')}, {quantity(planned, 'velocity')}"]
     parts += [
         f"{key} = {value}"
         for key, value in run.varied.items()
@@ -314,7 +333,7 @@ def _names(
     names: list[str] = []
     for number, (config, repeat) in enumerate(zip(configs, repeats, strict=True), 1):
         known = {"name": name, "number": number, "repeat": repeat}
-        made = _filled(template, known, keyed(config), path)
+        made = _filled(template, known, settings_as_planned(config), path)
         if not _NAME.fullmatch(made) or made[0] in ". " or made[-1] in ". ":
             raise ConfigError(
                 f"{path}, run {number}: '{made[:200]}' cannot be the name of a file; change"

@@ -74,7 +74,7 @@ def find_session(run: PlannedRun) -> FoundSession:
     with SessionReader(session) as reader:
         outcome, config = reader.outcome, settings_of(reader)
     found = _as_ended(outcome)
-    differing = measured_differently(config, run.config)
+    differing = measured_differently(config, run.config, run.varied)
     recorded = ", ".join(f"{name} = {old}" for name, (old, _) in list(differing.items())[:3])
     if differing and found.state is RunState.DONE:
         raise UserError(

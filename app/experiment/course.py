@@ -239,11 +239,13 @@ class Course:
         normal, shear = now.mean
         along = self.way * shear
         self._greatest = max(self._greatest, along)
+        drop = step.until_drop * self._greatest
+        least = self._config.run.shear_tolerance * abs(normal)  # about 0, noise is a larger share
         met = (
             0 < step.until_time <= (now.end_sample - self.began) / self._rate,
             0 < step.until_force <= along,
             0 < step.until_ratio * normal <= along,
-            0 < step.until_drop * self._greatest <= self._greatest - along,
+            drop > 0 and max(drop, least) <= self._greatest - along,
         )
         if any(met):
             return True

@@ -384,7 +384,7 @@ class Experiment:
 
     def _check_free(self, when: str, now: MeasuredBlock) -> None:
         normal = float(now.forces[:, 0].mean())
-        if normal > TOUCH_FRACTION * self.config.run.normal_force:
+        if normal > TOUCH_FRACTION * self.config.run.as_planned.normal_force:
             else_ = "" if self._is_free else ", or set run.background_time = 0"
             raise ExperimentFailed(
                 f"{when}: the normal force reads {normal:z.3f} N while the block should hang"

@@ -19,7 +19,7 @@ from app.records.bench_view import (
     StageView,
 )
 from app.records.record_types import F64
-from app.settings.protocol_steps import Approach, Zero
+from app.settings.protocol_steps import Zero
 from app.settings.sections import Config
 from app.system.disk import bytes_text
 
@@ -111,15 +111,10 @@ def device_lines(view: BenchView | None) -> tuple[DeviceLine, ...]:
     return tuple(lines)
 
 
-def wanted_load(config: Config) -> float:
-    """The load that the contact is pressed to first."""
-    loads = (step.normal_force for step in config.run.protocol if isinstance(step, Approach))
-    return next(loads, config.run.normal_force)
-
-
 def gauges(forces: ForcesView | None, config: Config) -> tuple[Gauge, Gauge]:
     """P and Q."""
-    run, limits, load = config.run, config.limits, wanted_load(config)
+    run, limits = config.run.as_planned, config.limits
+    load = run.normal_force
     most, least = limits.normal_force, -0.1 * limits.normal_force
     width = run.settle_tolerance * load
     normal = Gauge(
@@ -261,7 +256,7 @@ def jog_speeds(config: Config) -> Pair:
 
 def zeroed_text(zeroed: ZeroedForces, config: Config) -> ToldIn:
     """What came of zeroing, and what the run makes of it."""
-    load = wanted_load(config)
+    load = config.run.as_planned.normal_force
     is_doubtful = abs(zeroed.before_n[0]) > TOUCHES * load
     normal, shear = (typeset(f"{volts:+.4f}") for volts in zeroed.volts)
     p, q = (typeset(f"{force:+.3f}") for force in zeroed.before_n)

@@ -273,7 +273,7 @@ def count_cells(health: Health, shown: int = 0) -> Cells:
 
 def setting_cells(config: Config) -> Cells:
     """The settings of the run, shown until there is a result."""
-    run, dic = config.run, config.dic
+    run, dic = config.run.as_planned, config.dic
     cells = []
     for name, key in (("normal force P", "normal_force"), ("velocity",) * 2, ("travel",) * 2):
         value, _, unit = typeset(quantity(run, key)).partition(" ")

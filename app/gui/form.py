@@ -31,7 +31,7 @@ from app.settings.config import (
     with_own,
 )
 from app.settings.plain_values import STEPS, step_as_written, steps_from, title
-from app.settings.protocol_steps import EXAMPLE, KINDS
+from app.settings.protocol_steps import EXAMPLE
 from app.settings.sections import AboutSettings, Config
 from app.settings.toml_text import parse_toml
 from app.system.outputs import new_file
@@ -260,13 +260,6 @@ class Form:
             return OWN_STEPS
         steps, known = self.config.run.steps, protocols().items()
         return next((name for name, held in known if steps_from(held) == steps), OWN_STEPS)
-
-    def said_by_steps(self) -> set[str]:
-        """Keys of [run] that have no effect, because each step of the protocol says it itself."""
-        steps = self.config.run.steps
-        of_steps = {of for kind in KINDS.values() for of in kind.like_run.values()}
-        left = {of for one in steps for k, of in one.like_run.items() if not getattr(one, k)}
-        return {f"run.{of}" for of in of_steps - left} if steps else set()
 
     # ------------------------------------------------------------------ what is done with it
 

@@ -225,7 +225,7 @@ def _bands(config: Config, step: Step | None, normal_n: float, shear_n: float) -
     """The forces that a step waits for, with their bands."""
     run = config.run
     if isinstance(step, Background):
-        most = TOUCH_FRACTION * run.normal_force
+        most = TOUCH_FRACTION * run.as_planned.normal_force
         return (band_gauge("P, block free", "normal", normal_n, -most, most),)
     if isinstance(step, Approach):
         load, most = step.normal_force, run.shear_tolerance * max(normal_n, 0.0)

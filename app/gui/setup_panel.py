@@ -240,7 +240,7 @@ class SetupPanel(Panel):
         form = self.form
         self.settings.put_groups(form.groups())
         self._values, self._base_values = form.values(), form.base_values()
-        self._of_steps = form.said_by_steps()
+        self._of_steps = form.config.run.said_by_steps
         self.protocol.refresh()
         self.settings.refresh()
         self._show_refused()

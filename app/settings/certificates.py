@@ -205,6 +205,18 @@ def _read(path: Path) -> CalibrationCertificate:
         return msgspec.json.decode(archive.read(STATEMENT), type=CalibrationCertificate)
 
 
+def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Nested plain dicts of settings, with the whole paths of their certificates, whose names are
+    those of files in `folder`.
+    """
+    new = {table: dict(held) if isinstance(held, dict) else held for table, held in data.items()}
+    held = new.get("calibration")
+    named = held.get(KEY) if isinstance(held, dict) else None
+    if isinstance(named, list | tuple) and all(isinstance(name, str) for name in named):
+        new["calibration"][KEY] = [str(folder.absolute() / name) for name in named]
+    return new  # anything else is refused where tables are read
+
+
 def with_certificates(
     data: Mapping[str, Any],
     folder: Path,
@@ -229,12 +241,12 @@ def with_certificates(
         A certificate cannot be read, or says another value than the settings or another
         certificate.
     """
-    new = {table: dict(held) if isinstance(held, dict) else held for table, held in data.items()}
-    named = new["calibration"].get(KEY) if isinstance(new["calibration"], dict) else None
-    if not isinstance(named, list | tuple) or not all(isinstance(name, str) for name in named):
-        return new  # which is refused where tables are read
-    paths = [folder.absolute() / name for name in named]
-    new["calibration"][KEY] = [str(path) for path in paths]
+    new = located(data, folder)
+    held = new["calibration"]
+    named = held.get(KEY) if isinstance(held, dict) else None
+    if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
+        return new
+    paths = [Path(name) for name in named]
     says: dict[str, str] = {}  # which certificate a setting is from
     for path in paths:
         if is_remembered and path in _READ:

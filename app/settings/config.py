@@ -337,15 +337,17 @@ def revised(config: Config, overrides: Sequence[str]) -> Config:
     return new
 
 
-def measured_differently(a: Config, b: Config) -> dict[str, tuple[str, str]]:
+def measured_differently(
+    a: Config, b: Config, also: Collection[str] = ()
+) -> dict[str, tuple[str, str]]:
     """``table.key`` -> both values as text, of the settings of two experiments that differ in what
-    no analysis may change.
+    no analysis may change, or in what is named as well.
     """
     was, now = keyed(a), keyed(b)
     return {
         key: (toml_text(was.get(key)), toml_text(now.get(key)))
         for key in was | now
-        if was.get(key) != now.get(key) and not is_analysed(key)
+        if was.get(key) != now.get(key) and (key in also or not is_analysed(key))
     }
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from analysis.options import Section, option, quantity
+from app.settings.toml_text import MOST_DOTS
 
 if TYPE_CHECKING:
     from app.settings.sections import Limits, RunSettings
@@ -174,8 +175,8 @@ class Motion(Step):
     )
     until_drop: float = option(
         0.0,
-        "Ends when Q along the motion has fallen by this share of its largest value; 0: no such"
-        " condition",
+        "Ends when Q along the motion has fallen by this share of its largest value, and by"
+        " run.shear_tolerance of P; 0: no such condition",
         ge=0,
         lt=1,
     )
@@ -456,6 +457,8 @@ def _impossible(step: Step, limits: Limits, max_velocity: float) -> str:
             f"asks a question of {len(step.question.strip())} characters; write 1 to"
             f" {LONGEST_QUESTION}"
         )
+    if isinstance(step, Ask) and step.question.count(".") > MOST_DOTS:
+        return f"asks a question with more than {MOST_DOTS} full stops; leave some out"
     if not isinstance(step, Motion):
         return ""
     if step.velocity > max_velocity:

@@ -13,7 +13,16 @@ from functools import cached_property
 
 from analysis.options import Section, like, option, quantity
 from analysis.settings import Correlation, Sample, StressSettings, Uncertainties
-from app.settings.protocol_steps import Step, check, legs, protocol_of
+from app.settings.protocol_steps import (
+    KINDS,
+    Approach,
+    Motion,
+    Step,
+    check,
+    legs,
+    protocol_of,
+    reach,
+)
 from app.settings.toml_text import MOST_DOTS
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
 from drivers.sim.settings import SimSettings
@@ -91,6 +100,27 @@ class RunSettings(Section):
     def protocol(self) -> tuple[Step, ...]:
         """The steps of the run, whichever way they are given."""
         return protocol_of(self)
+
+    @cached_property
+    def as_planned(self) -> RunSettings:
+        """The same with the load, velocity and travel that its steps say: those of the first
+        approach and of the first motion, and the furthest place of the stage.
+        """
+        loads = [step.normal_force for step in self.protocol if isinstance(step, Approach)]
+        velocities = [step.velocity for step in self.protocol if isinstance(step, Motion)]
+        return replace(
+            self,
+            normal_force=(*loads, self.normal_force)[0],
+            velocity=(*velocities, self.velocity)[0],
+            travel=max(reach(self.protocol), key=abs) or self.travel,
+        )
+
+    @property
+    def said_by_steps(self) -> set[str]:
+        """Keys of [run] that have no effect, because each step of the protocol says it itself."""
+        of_steps = {of for kind in KINDS.values() for of in kind.like_run.values()}
+        left = {of for one in self.steps for k, of in one.like_run.items() if not getattr(one, k)}
+        return {f"run.{of}" for of in of_steps - left} if self.steps else set()
 
     @property
     def direction(self) -> float:

@@ -12,18 +12,21 @@ from app.system.errors import ConfigError
 from app.system.inputs import check_ends
 
 LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
+LONGEST_WRITTEN = 4 * LONGEST_TOML  # the program writes every setting, with what it means
+LISTED = re.compile(r"\d\.\d+[ \t]*(?=[],])")  # a number in a list, which is no key
 DECIMAL_COMMA = re.compile(r"=[ \t]*([+-]?\d+,\d+)[ \t]*(?:#.*)?\r?$", re.MULTILINE)
 
 
-def parse_toml(text: str) -> dict[str, Any]:
+def parse_toml(text: str, longest: int = LONGEST_WRITTEN) -> dict[str, Any]:
     """Nested plain dicts from a TOML text of the size of settings; ValueError if it is none.
 
     The limits are there because the parser of the standard library takes minutes for a key of
     thousands of parts.
     """
-    if len(text) > LONGEST_TOML:
-        raise ValueError(f"more than {LONGEST_TOML} characters, which no settings need")
-    if any(line.partition("#")[0].count(".") > MOST_DOTS for line in text.splitlines()):
+    if len(text) > longest:
+        raise ValueError(f"more than {longest} characters, which no settings need")
+    lines = (LISTED.sub("", line.partition("#")[0]) for line in text.splitlines())
+    if any(line.count(".") > MOST_DOTS for line in lines):
         raise ValueError(f"a line with more than {MOST_DOTS} dots, which no settings need")
     try:
         return tomllib.loads(text)
@@ -45,7 +48,7 @@ def read_toml(path: Path, what: str, known: Iterable[str]) -> dict[str, Any]:
     try:
         check_ends(path)
         with path.open("rb") as file:
-            return parse_toml(decoded(file.read(2 * LONGEST_TOML + 2)))
+            return parse_toml(decoded(file.read(2 * LONGEST_TOML + 2)), LONGEST_TOML)
     except OSError as error:
         raise ConfigError(
             f"{path}: the {what} cannot be read: {error.strerror}; check the name, or take one of"

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import random
 import re
+import zipfile
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,7 +14,9 @@ from friction.rough_world import rough
 from small_campaign import FEW_IMAGES, Write, text_of
 from spoiled_settings import VALUES
 
-from app.campaigns.plan import read_campaign, select_runs
+from app.campaigns.page import Progress, table
+from app.campaigns.plan import orders, read_campaign, select_runs
+from app.campaigns.state import find_sessions
 from app.runs.live import expected_bytes, expected_seconds
 from app.settings.config import ConfigError, campaign_names, load
 from app.system.errors import UserError
@@ -97,6 +101,45 @@ def test_the_bench_lies_beside_the_campaign_and_the_command_line_has_the_last_wo
     assert (config.forces.range, config.dic.box, config.dic.step) == ((5, 5), 22, 14)
     pictures = ["camera.width=96", "camera.height=96", FEW_IMAGES]
     assert plan.runs[0].config.camera == load(None, pictures).camera
+
+
+def test_certificates_lie_beside_the_file_that_names_them(tmp_path: Path, write: Write) -> None:
+    (tmp_path / "bench").mkdir()
+    (tmp_path / "bench" / "bench.toml").write_text('calibration.certificates = ["scale.zip"]\n')
+    for folder, pixel_um in (tmp_path / "bench", 3.5), (tmp_path, 9.9):
+        with zipfile.ZipFile(folder / "scale.zip", "w") as archive:
+            says = {"what": "scale", "title": "", "made": "2026-11-30T12:00:00+00:00"}
+            says |= {"valid_days": 10, "values": [], "settings": {"camera.pixel": pixel_um}}
+            archive.writestr("certificate.json", json.dumps(says))
+    plan = read_campaign(write('bench = "bench/bench.toml"', TWO_LOADS))
+    assert [run.config.camera.pixel for run in plan.runs] == pytest.approx([3.5e-6] * 2)
+    own = read_campaign(write('settings.calibration.certificates = ["scale.zip"]'))
+    assert own.runs[0].config.camera.pixel == pytest.approx(9.9e-6)
+
+
+STEPS = """settings.run.steps = [
+ {do = "approach", normal_force = 0.3}, {do = "reference"},
+ {do = "drive", travel = 6, velocity = 2}, {do = "reverse"}]"""
+
+
+def test_load_and_velocity_are_those_of_the_steps(write: Write) -> None:
+    plan = read_campaign(write(STEPS, "vary.run.reference_time = [1, 2]", "repeats = 1"))
+    assert orders(plan, plan.runs[0]) == "run 1 of 2, tiny-1: P = 0.3 N, 2 um/s"
+    progress = Progress(plan, find_sessions(plan))
+    assert table(progress)[1][0][2:4] == ["0.3", "2"]
+    named = read_campaign(write(STEPS, 'sessions = "{load}N-{run.travel:g}-{number}"'))
+    assert named.runs[0].name == "0.3N-6-1"
+
+
+def test_a_setting_that_the_steps_say_otherwise_is_not_varied(write: Write) -> None:
+    with pytest.raises(ConfigError, match=r"run\.normal_force differs between the runs and has no"):
+        read_campaign(write(STEPS, TWO_LOADS))
+    followed = STEPS.replace(", normal_force = 0.3", "")
+    loads = [
+        run.config.run.as_planned.normal_force
+        for run in read_campaign(write(followed, TWO_LOADS)).runs
+    ]
+    assert loads == [0.03, 0.04]
 
 
 def test_a_real_bench_waits_for_the_operator_unless_the_file_says_otherwise(write: Write) -> None:

@@ -24,6 +24,17 @@ def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
         " of the campaign says now; give another folder with -o, or undo the change\n"
     )
     assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
+    samples = (
+        "[[runs]]",
+        'about.sample = "A"',
+        "run.normal_force = 0.03",
+        "[[runs]]",
+        'about.sample = "B"',
+        "run.normal_force = 0.04",
+    )
+    another = campaign(write(TWO_LOADS[1], *samples))  # a session is that of one sample
+    assert another.exit_code == 2
+    assert 'tiny-0.03N.h5: recorded with about.sample = ""' in another.stderr
     # what does not concern what was measured, and further runs, are no other experiment
     more = "vary.run.normal_force = [0.03, 0.04, 0.05]"
     going_on = campaign(write(more, TWO_LOADS[1], 'settings.about.note = "later"'), "--only", "1,2")

@@ -417,8 +417,14 @@ def test_a_failure_while_the_run_is_made_ready_is_still_one(tmp_path):
 
 
 def test_a_stop_in_the_drive_and_one_while_the_run_ends(tmp_path):
-    run, answers = made(tmp_path / "x.h5"), []
-    in_drive(run, lambda: answers.append(run.stop_motion()))
+    run, answers, drives = made(tmp_path / "x.h5"), [], []
+
+    def press():
+        drives.append(run.motion()[2])
+        answers.append(run.stop_motion())
+        drives.append(run.motion()[2])
+
+    in_drive(run, press)
     stop = run._bench.camera.stop
     run._bench.camera.stop = lambda: (answers.append(run.stop_motion()), stop())
     run.start()
@@ -429,6 +435,7 @@ def test_a_stop_in_the_drive_and_one_while_the_run_ends(tmp_path):
     with Session(tmp_path / "x.h5") as session:
         assert session.state == "stopped"
     assert [answer.kind for answer in answers][:2] == [Stop.SENT, Stop.AT_REST]
+    assert drives == [True, False]  # or a supervisor would end a bench that closes its session
     assert run.stop_answer().kind is Stop.AT_REST
 
 
@@ -441,6 +448,7 @@ def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path)
     def press():
         run._bench.actuator.stop = refuse
         answers.append(run.stop_motion())
+        assert run.motion()[2]  # so that a supervisor stops it
 
     in_drive(run, press)
     run.start()
