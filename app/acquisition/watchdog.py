@@ -14,6 +14,7 @@ from functools import partial
 from typing import TypeAlias, TypeVar
 
 from app.acquisition.ending import FOR_PEOPLE, Ending, sentence
+from app.system.stopping import MotionStopped
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.turns import POLL_S, TurnClock, done_beside, settle
 
@@ -34,7 +35,7 @@ def blamed(who: str) -> Iterator[None]:
     """What a call of a device raises; what no driver may raise is a fault of that device."""
     try:
         yield
-    except FOR_PEOPLE:
+    except (*FOR_PEOPLE, MotionStopped):
         raise
     except BaseException as error:
         remedy = "check the device and its driver, which `slipscope check-driver` tests"

@@ -39,7 +39,8 @@ def move(config: Config, bench: BenchDevices, way_m: float) -> str:
             f"{bench.actuator.name}: --move was asked, and a recorded stage goes where it was"
             " recorded; choose another actuator.source"
         )
-    config = replace(config, run=replace(config.run, travel=way_m, reversals=1, steps=()))
+    there_and_back = replace(config.run.as_planned, travel=way_m, reversals=1, steps=())
+    config = replace(config, run=there_and_back)
     history = History(config.forces.sample_rate, config.exposure_samples)
     loop = ControlLoop(config, bench, history, pace=1.0)
     board, ask = bench.forces, loop.watchdog.ask

@@ -76,7 +76,7 @@ def check(
         Option(
             "--move",
             metavar="UM",
-            help="Move the stage by this distance in um at run.velocity, and back.",
+            help="Move the stage by this distance in um at the velocity of a run, and back.",
             show_default=False,
         ),
     ] = 0.0,

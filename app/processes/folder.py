@@ -16,6 +16,7 @@ import stat
 import sys
 import tempfile
 import time
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -357,7 +358,7 @@ def shared_image(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> U8
 
 def image_publisher(folder: Path, name: str) -> Callable[[Array], str]:
     """A function that shares images with one caller and answers the name of the file: of two in
-    turn, so that one can be looked at while the next comes.
+    turn, so that one can be looked at while the next comes. The files go with the function.
     """
     import numpy as np  # see `shared_image`
 
@@ -373,4 +374,11 @@ def image_publisher(folder: Path, name: str) -> Callable[[Array], str]:
         np.copyto(shared[0], image)
         return paths[0].name
 
+    def remove() -> None:
+        shared.clear()  # some systems remove no file that is mapped
+        for path in paths:
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+
+    weakref.finalize(share, remove)
     return share

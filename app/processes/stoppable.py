@@ -13,7 +13,7 @@ from app.acquisition.stage import Stage
 from app.processes.calls import Methods
 from app.processes.serving import known_bench
 from app.settings.sections import Config
-from app.system.stopping import SETTLES_S, StopAnswer, not_connected, sent_to
+from app.system.stopping import SETTLES_S, MotionStopped, StopAnswer, not_connected, sent_to
 from app.system.threads import start_thread
 from drivers.bench import WrappedDevice
 from drivers.protocols import Actuator
@@ -73,7 +73,7 @@ class StoppableActuator(WrappedDevice):
 
     def _ask(self, step: Callable[..., Any], *arguments: Any) -> Any:
         if self._has_stopped.is_set():
-            raise KeyboardInterrupt(STOPPED)
+            raise MotionStopped(STOPPED)
         return step(*arguments)
 
     def _order(self, step: Callable[..., Any], *arguments: Any) -> None:
@@ -102,7 +102,7 @@ def stoppable(config: Config, command: str) -> Iterator[Callable[[Actuator], Any
     ------
     UserError
         As of `known_bench`.
-    KeyboardInterrupt
+    MotionStopped
         The stage was stopped so; the message says it.
     """
     has_stopped, newest = threading.Event(), list[StoppableActuator]()
@@ -126,4 +126,4 @@ def stoppable(config: Config, command: str) -> Iterator[Callable[[Actuator], Any
     with known_bench(command, methods):
         yield stoppable_actuator
         if has_stopped.is_set():
-            raise KeyboardInterrupt(STOPPED)
+            raise MotionStopped(STOPPED)

@@ -23,6 +23,10 @@ class Stop(StrEnum):
     NOT_CONNECTED = "not connected"
 
 
+class MotionStopped(KeyboardInterrupt):
+    """Somebody has stopped the stage for good: no fault of a device, and the end of the command."""
+
+
 @dataclass(frozen=True, slots=True)
 class StopAnswer:
     """What is known of a stop, and the sentence that says so.

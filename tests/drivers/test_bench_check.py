@@ -73,6 +73,13 @@ def test_a_move_goes_there_and_back(checked):
     assert bench.world.stage_m() == pytest.approx(0.0, abs=0.1e-6)
 
 
+def test_a_move_is_as_fast_as_the_steps_of_the_run_say(checked):
+    steps = '{do="approach"}, {do="reference"}, {do="drive", travel=10, velocity=1}'
+    findings, sent, _ = checked(2.0, "actuator.max_velocity=2", f"run.steps=[{steps}]")
+    assert findings["move"].is_fine, findings["move"]
+    assert "1VA0.001" in sent
+
+
 @pytest.mark.parametrize(
     ("move_um", "overrides", "reason"),
     [

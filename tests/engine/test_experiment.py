@@ -108,6 +108,14 @@ def test_a_background_in_contact_is_refused():
         Bench().go(0.1, 0.4)
 
 
+def test_a_block_hangs_free_as_judged_by_the_load_that_the_steps_say():
+    steps = '{do="background", time=1}, {do="approach", normal_force=0.1}, {do="reference"}'
+    bench = Bench(f'run.steps=[{steps}, {{do="drive", travel=5}}]')
+    bench.go(0.05, 4e-3)
+    with pytest.raises(ExperimentFailed, match="while the block should hang free"):
+        bench.go(0.05, 6e-3)  # 5 % of 0.1 N are less, and of the 0.5 N of [run] more
+
+
 def test_the_drive_waits_for_the_reference_and_not_for_ever():
     bench = Bench()
     bench.go(1.0)

@@ -190,11 +190,7 @@ def test_a_drop_and_a_time_end_a_motion(way: int) -> None:
     bench = Bench(f'{{do="drive", travel={100 * way}, until_drop=0.1}},'
                   f' {{do="drive", travel={50 * way}, until_time=2}}')  # fmt: skip
     bench.to_drive()
-    for noise in (0.3e-3, -0.4e-3, 1e-3, -1e-3):  # by more than its largest value, of which 0.1
-        bench.shear = way * noise
-        bench.block()
-    assert bench.experiment.number == 4
-    for shear in np.linspace(0.0, 0.4, 40):
+    for shear in (3e-4, -4e-4, 1e-3, -1e-3, *np.linspace(0.0, 0.4, 40)):  # first its noise
         bench.shear = way * float(shear)
         bench.block()
     assert bench.experiment.number == 4

@@ -114,6 +114,13 @@ def test_no_number_with_few_digits_has_an_exponent() -> None:
         ],
     )
     assert setting_cells(fast)[3].value == "1230"
+    steps = (
+        '{do="approach", normal_force=0.1}, {do="reference"}, {do="drive", travel=60, velocity=2}'
+    )
+    of_steps = [
+        (cell.name, cell.value) for cell in setting_cells(load(None, [f"run.steps=[{steps}]"]))
+    ]
+    assert of_steps[:3] == [("normal force P", "0.1"), ("velocity", "2"), ("travel", "60")]
     assert bytes_text(999_700_000_000) == "1000 GB"
     setup = setup_of(ScriptedRun(320, 240, frames=4))
     values = np.full((23, 31), 1234.5, np.float32)

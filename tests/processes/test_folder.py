@@ -284,6 +284,16 @@ def test_a_run_of_a_script_is_begun_by_it_alone():
     assert methods.keys() - methods_of(served.run, served.folder, 0).keys() == begun
 
 
+def test_the_images_of_a_caller_go_with_its_connection(tmp_path):
+    share = folders.image_publisher(tmp_path, "image-3")
+    for value in (1, 2, 3):
+        name = share(np.full((4, 5), value, np.uint8))
+        assert (tmp_path / name).read_bytes() == bytes([value]) * 20
+    assert len([*tmp_path.iterdir()]) == 2
+    del share
+    assert [*tmp_path.iterdir()] == []
+
+
 def lose_all(folder):
     shutil.rmtree(folder.parent)
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from processes.launched import SETTINGS, OutsideStage, wait_until
 
+from app.acquisition.watchdog import Patience
 from app.cli import device_commands as commands
 from app.processes import folder as folders, urgent
 from app.processes.folder import reachable, running
@@ -125,6 +126,14 @@ def test_a_stop_between_two_moves_ends_the_command_before_the_next():
 def test_a_stop_in_the_last_moment_is_not_forgotten():
     with pytest.raises(KeyboardInterrupt, match=STOPPED), stoppable(Config(), "check"):
         urgent.stop(None)
+
+
+def test_a_stop_is_no_fault_of_the_stage():
+    stopped = threading.Event()
+    stopped.set()
+    stage = StoppableActuator(Config(), Slow(), stopped)
+    with pytest.raises(KeyboardInterrupt, match=STOPPED):
+        Patience().aside("stage", stage.position_m)
 
 
 def test_what_a_driver_lacks_is_not_hidden():
