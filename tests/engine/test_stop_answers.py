@@ -440,7 +440,7 @@ def test_a_stop_in_the_drive_and_one_while_the_run_ends(tmp_path):
 
 
 def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path):
-    run, answers = made(tmp_path / "x.h5"), []
+    run, answers, drives = made(tmp_path / "x.h5"), [], []
 
     def refuse():
         raise DeviceFault("simulated actuator: the command is unknown to it")
@@ -448,7 +448,7 @@ def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path)
     def press():
         run._bench.actuator.stop = refuse
         answers.append(run.stop_motion())
-        assert run.motion()[2]  # so that a supervisor stops it
+        drives.append(run.motion()[2])
 
     in_drive(run, press)
     run.start()
@@ -458,6 +458,7 @@ def test_a_stop_that_is_refused_in_the_drive_says_so_and_fails_the_run(tmp_path)
         f"{CUT_POWER}: simulated actuator: the command is unknown"
     )
     assert outcome.state == "failed"
+    assert drives == [True]  # so that a supervisor stops it
     assert "did not confirm its stop" in outcome.reason
     assert run.stop_motion().kind is Stop.FAILED  # it was not heard of since
 
