@@ -18,7 +18,7 @@ from ni_bench import InThread, NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
 from nidaqmx.errors import DaqError
 
-from drivers.daq import ni_daq
+from drivers.daq import ni_channel, ni_daq
 from drivers.emulators.board import NiError
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 
@@ -189,6 +189,15 @@ def test_a_server_that_falls_silent_or_is_slow_by_a_fault_of_the_world(ni):
     with pytest.raises(DeviceFault, match="does not answer"):
         read_on()
     assert silent.world.now >= 300
+
+
+def test_the_first_call_of_a_connection_alone_has_more_time(monkeypatch):
+    monkeypatch.setattr(grpc, "intercept_channel", lambda channel, deadline: deadline)
+    channel, deadline = ni_channel.connect("localhost:1", None, 0.5)
+    channel.close()
+    call = grpc.aio.ClientCallDetails("x", None, None, None, None)
+    times = [deadline.intercept_unary_unary(lambda c, _: c.timeout, call, None) for _ in range(3)]
+    assert times == [0.5 * ni_channel.FIRST_TIMES, 0.5, 0.5]
 
 
 def test_the_first_call_of_a_connection_may_take_longer_as_it_loads_the_driver(ni, monkeypatch):

@@ -450,6 +450,7 @@ def test_zero_gives_the_readings_without_a_force(true):
         assert abs(preview.look().forces.newest[0]) > 0.03  # and the zero is as it was
         found = preview.zero(under_load=True)
         assert found == pytest.approx(true, abs=1e-3)
+        assert np.median(np.abs(preview.look().forces.history)) < 2e-3  # also those before it
         wait_for(lambda: abs(preview.look().forces.newest[0]) < 1e-3)
         settings = config.load(None, FREE)
         settings = replace(settings, forces=replace(settings.forces, zero=found))
