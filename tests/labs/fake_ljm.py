@@ -47,8 +47,16 @@ class Device:
             for scan in scans
             for volt in self.volts(scan / stream.rate)
         ]
+        flat += [0.0] * (stream.n * len(stream.list) - len(flat))  # outputs count, and are not read
         behind = int((time.monotonic() - stream.began) * stream.rate) - stream_end
-        return flat, max(0, behind) if self.paced else 0, 0
+        return flat, 0, max(0, behind) if self.paced else 0
+
+    def triggers(self):
+        """Samples of a period at which FIO0 is on; none while it is an input, as FIO_STATE leaves
+        it.
+        """
+        pattern = self.registers["STREAM_OUT0_BUFFER_U16"] if "FIO0" in self.registers else []
+        return [n for n, value in enumerate(pattern) if value & 1]
 
 
 def install(monkeypatch, device):
@@ -68,8 +76,9 @@ def install(monkeypatch, device):
     ljm.openS = open_s
     ljm.close = end
     ljm.eStreamStop = end
-    ljm.eWriteName = lambda handle, name, value: device.registers.update({name: value})
-    ljm.eWriteNameArray = lambda handle, name, n, values: device.registers.update({name: values})
+    write = device.registers.update
+    ljm.eWriteNames = lambda handle, n, names, values: write(zip(names, values, strict=True))
+    ljm.eWriteNameArray = lambda handle, name, n, values: write({name: values})
     ljm.namesToAddresses = lambda n, names: ([2 * int(name[3:]) for name in names], [3] * n)
     ljm.eStreamStart = lambda handle, n, count, scans, rate: device.start(n, scans, rate)
     ljm.eStreamRead = lambda handle: device.read(config["LJM_STREAM_RECEIVE_TIMEOUT_MS"] / 1e3)

@@ -25,7 +25,7 @@ class LabJackForces:
         self.name = f"LabJack {settings.device}"
         self.sample_rate_hz, self.block_samples = clock.sample_rate_hz, settings.block
         self._settings, self._ljm, self._read, self._is_running = settings, None, deque(), False
-        self._handle = self._next = self._waiting = 0
+        self._handle, self._next, self._waiting = 0, 0, []
 
     def open(self):
         try:
@@ -35,8 +35,8 @@ class LabJackForces:
         self.close()
         with self._asked(ljm, "it", DeviceNotFound):
             self._handle = ljm.openS("T7", "ANY", self._settings.device)
-            for channel, limit in zip(self._settings.channels, self._settings.range, strict=True):
-                ljm.eWriteName(self._handle, f"{channel}_RANGE", limit)
+            names = [*(f"{channel}_RANGE" for channel in self._settings.channels), "FIO0"]
+            ljm.eWriteNames(self._handle, 3, names, [*self._settings.range, 0])  # FIO0: an output
         self._ljm = ljm
 
     def describe(self):
@@ -56,7 +56,7 @@ class LabJackForces:
                 ljm.eWriteNameArray(self._handle, f"STREAM_OUT0_{name}", len(values), values)
             scans = [*ljm.namesToAddresses(len(inputs), inputs)[0], STREAM_OUT0]
             ljm.eStreamStart(self._handle, self.block_samples, len(scans), scans, rate)
-        self._next, self._waiting, self._is_running = 0, 0, True
+        self._next, self._waiting, self._is_running = 0, [], True
         self._read.clear()
 
     def read(self, timeout_s):
@@ -66,8 +66,8 @@ class LabJackForces:
             wait_ms = max(1, round(timeout_s * 1e3))
             with self._asked(self._ljm, "a block"):
                 self._ljm.writeLibraryConfigS("LJM_STREAM_RECEIVE_TIMEOUT_MS", wait_ms)
-                flat, self._waiting, _ = self._ljm.eStreamRead(self._handle)
-            volts = np.array(flat).reshape(-1, 2)
+                flat, *self._waiting = self._ljm.eStreamRead(self._handle)  # in device and library
+            volts = np.array(flat[: 2 * self.block_samples]).reshape(-1, 2)  # inputs alone are read
             for part in np.split(volts, np.flatnonzero(np.diff(volts[:, 0] == SKIPPED)) + 1):
                 gap = LostSamples(self._next, len(part), f"{self.name}: scans were skipped")
                 block = SampleBlock(self._next, part.copy())
@@ -76,7 +76,7 @@ class LabJackForces:
         return self._read.popleft()
 
     def backlog(self):
-        return int(self._waiting)
+        return sum(self._waiting)
 
     def stop(self):
         if self._is_running:
