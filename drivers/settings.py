@@ -201,6 +201,10 @@ class ForceSettings(DeviceSettings):
                 "forces.exposure_counter and forces.trigger_counter are both"
                 f" {self.exposure_counter!r}; use two different counters"
             )
+        if self.channels[0] == self.channels[1]:
+            raise ValueError(
+                f"forces.channels are both {self.channels[0]!r}; use an input for each sensor"
+            )
 
         if len(self.auxiliary) > MOST_AUXILIARY:
             raise ValueError(

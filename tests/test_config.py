@@ -137,6 +137,7 @@ def test_a_file_redirected_by_any_shell_is_read(tmp_path: Path, encoding: str) -
         ),
         ("forces.coupling=[[1, 1], [1, 1]]", "forces.coupling has no inverse"),
         ("forces.exposure_counter=ctr0", "are both 'ctr0'; use two different counters"),
+        ('forces.channels=["ai0","ai0"]', "channels are both 'ai0'; use an input for each"),
         (
             "forces.wiring=loose",
             "forces.wiring must be 'differential' or 'rse' or 'nrse'; found \"loose\"",
