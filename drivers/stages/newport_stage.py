@@ -251,7 +251,8 @@ class NewportStage:
     # ------------------------------------------------------------------ motion
 
     def home(self) -> None:
-        """Let the controller search its origin, or go there if it knows it already.
+        """Let the controller search its origin, or go there, as fast as it searches, if it knows it
+        already; later moves are as fast.
 
         A motor that is off is switched on first.
         """
@@ -262,7 +263,9 @@ class NewportStage:
                 self._check(line.tell("MM1"), "switching its motor on")
                 state = self._look()[1]
             if state.startswith("READY"):
-                self.move_to(0.0)
+                search_m_s = float(line.ask("OH?", _NUMBER)) * 1e-3
+                self.set_velocity(min(search_m_s, self.velocity_limit_m_s))
+                self._go(0.0, stops)
             else:
                 self._begin("OR", "EL", "a search of the origin", stops)
 
@@ -279,11 +282,12 @@ class NewportStage:
 
         A move that a stop overtakes on the way to the controller is not sent.
         """
-        line = self._ready()
-        stops = line.stops
+        self._go(position_m, self._ready().stops)
+
+    def _go(self, position_m: float, stops: int) -> None:
         with self._commanding:
             if not self._is_prepared:
-                self._prepare(line)
+                self._prepare(self._ready())
             check_target(self.name, position_m, self.travel_limits_m)
             wish = f"a move to {position_m * 1e3:.6g} mm"
             self._begin("PA" + _mm(position_m), "M", wish, stops)

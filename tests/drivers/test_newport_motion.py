@@ -99,9 +99,11 @@ def test_homing_can_be_stopped_and_that_is_no_fault(newport_open):
     assert stage.controller.state == 0x0B
 
 
-def test_a_stage_that_is_homed_goes_to_its_origin(newport_open):
-    stage = newport_open()
+def test_a_stage_that_is_homed_goes_to_its_origin_at_a_speed_of_its_own(newport_open):
+    stage = newport_open(max_velocity=0.4e-3)
+    stage.driver.set_velocity(5e-6)
     stage.driver.home()
+    assert stage.controller.parameters["VA"] == 0.4
     assert not stage.sent("OR")
     stage.pass_time(100.0)
     assert not stage.driver.is_moving()
@@ -114,6 +116,7 @@ def test_home_switches_a_motor_on_that_is_off(newport_open):
     with pytest.raises(DeviceFault, match="its motor is off"):
         stage.driver.move_to(13e-3)
     stage.driver.home()
+    assert stage.controller.parameters["VA"] == 0.5
     stage.pass_time(100.0)
     assert not stage.driver.is_moving()
     assert stage.driver.position_m() == 0.0
