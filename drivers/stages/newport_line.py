@@ -141,7 +141,7 @@ class NewportLine:
         unless_stopped_since : int, optional
             Number of stops so far; nothing is sent any more after a further one.
         """
-        give_up, heard, letter = self.clock.read() + PATIENCE_S, "", None
+        give_up, heard, letter = self.clock.read() + PATIENCE_S + LONGEST_PAUSE_S, "", None
         planned_s = pauses_s(self.pause_s)
         for attempt, pause_s in enumerate(planned_s):
             stops = self.stops
@@ -155,7 +155,8 @@ class NewportLine:
                 if not attempt:
                     raise
                 break  # silent since the command
-            left_s = give_up - self.clock.read() - sum(planned_s[attempt:])
+            # a stop may have to wait for the end of an answer: these have no part of the pauses
+            left_s = give_up - LONGEST_PAUSE_S - self.clock.read() - sum(planned_s[attempt:])
             if attempt and give_up - self.clock.read() < pause_s:
                 break  # its answer would come too late
             letter, noise = self._exchange(

@@ -81,6 +81,50 @@ def test_a_controller_has_that_time_again_in_which_the_program_had_no_turn(newpo
     assert not waits
 
 
+class DeafPort(SimpleNamespace):
+    """That of a controller that needs 30 ms for an answer and hears nothing for 60 ms after a
+    command without one; `now` is the time of the driver.
+    """
+
+    def __init__(self):
+        self.commands, self.answer = [], b""
+        self.now = self.deaf_until = self.due = 0.0
+        self._socket, self.monotonic = self, lambda: self.now
+
+    def sleep(self, seconds):
+        self.now += seconds
+
+    def send(self, sent):
+        if self.now >= self.deaf_until and sent in (b"1TE\r\n", b"1VE\r\n"):
+            self.due, self.answer = self.now + 0.03, sent.replace(b"\r", b"@\r")
+        elif self.now >= self.deaf_until:
+            self.commands.append(sent)
+            self.deaf_until = self.now + 0.06
+        return len(sent)
+
+    def read_until(self, end):
+        is_due = self.now <= self.due <= self.now + newport_line.READ_S
+        self.now = self.due if is_due else self.now + newport_line.READ_S
+        return self.answer * is_due
+
+    def reset_input_buffer(self):
+        self.due = -1.0
+
+
+def test_a_controller_that_is_slow_and_deaf_is_found_and_its_pause_kept(monkeypatch):
+    port = DeafPort()
+    monkeypatch.setattr(newport_line, "_claimed", lambda *_, **__: port)
+    monkeypatch.setattr(newport_line, "time", port)
+    line = newport_line.NewportLine("SMC100", "COM3", 1, 57600)
+    line.clock = SimpleNamespace(read=lambda longest_s=0.0: port.now)
+    assert line.tell("VA0.1") == "@"
+    assert port.now < 0.8
+    assert line.pause_s == 0.15
+    assert port.commands == [b"1VA0.1\r\n"] * 3
+    line.tell("VA0.2")
+    assert port.commands[3:] == [b"1VA0.2\r\n"]
+
+
 @pytest.mark.timeout(60)
 @pytest.mark.parametrize("comes", [b"1TS000033\r\n", b"x"])
 def test_a_line_on_which_others_talk_does_not_keep_a_query_waiting(newport, monkeypatch, comes):
