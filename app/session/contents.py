@@ -22,9 +22,11 @@ import numpy as np
 
 from app.records.schema import TEXT
 from app.session import layout, results_layout
+from app.system.disk import is_locked
 
 _ANOTHER, COPY = "give a {} that SlipScope wrote", "use a copy of it if there is one"
 _FILTERS = {h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32}
+_UNLOCKED = "unable to lock"  # as HDF5 says it
 ALTERED = "the bytes are not those that were written"
 LARGEST_TEXTS = 1 << 25  # bytes of all texts of a dataset: a run of hours has less than a tenth
 _TEXTS_AT_ONCE = 256  # rows
@@ -195,7 +197,12 @@ def _opened(path: Path) -> Iterator[h5py.File]:
     try:
         with path.open("rb") as opened:
             opened.read(1)
-        file = h5py.File(path, "r")
+        try:
+            file = h5py.File(path, "r")
+        except OSError as error:
+            if _UNLOCKED not in str(error) or is_locked(path):
+                raise
+            file = h5py.File(path, "r", locking=False)  # a file system without locks
     except OSError as error:
         cause = str(error)
         if "signature not found" in cause:
@@ -204,7 +211,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
             again = "copy it again from where it came"
             found = "the file is cut short, as by a kill or a copy that was broken off"
             raise Refused(found, again) from None
-        if "lock" in cause:
+        if _UNLOCKED in cause:
             wait = "wait for its end"
             raise Refused("another program is writing to it", wait) from None
         cause = os.strerror(error.errno) if error.errno else cause

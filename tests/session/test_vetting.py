@@ -11,15 +11,18 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
+import h5py
 import psutil
 import pytest
 from session_material import Session
 
 from app.session import analyses, contents, trust, vetting
 from app.session.reader import SessionReader
+from app.system.disk import AppendedFile
 from app.system.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -187,6 +190,33 @@ def test_only_what_this_computer_closed_is_read_at_once(
     assert not trust.is_known(session.path)
     SessionReader(session.path).close()
     assert asked == [session.path] * 2
+
+
+def test_a_file_system_without_locks_is_read_and_one_that_another_program_writes_is_not(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor is a superblock that HDF5 does not know a lock."""
+    made = h5py.File
+
+    def lockless(path: Path, mode: str, locking: bool = True) -> h5py.File:
+        if locking:
+            raise OSError("Unable to open file (unable to lock file, errno = 37)")
+        return made(path, mode, locking=False)
+
+    with monkeypatch.context() as share:
+        share.setattr(h5py, "File", lockless)
+        assert _read(session.path).datasets
+        path = session.path.with_name("a")
+        with (
+            closing(AppendedFile(path, overwrite=False, locked=True)),
+            pytest.raises(contents.Refused, match="another program is writing to it"),
+        ):
+            _read(path)
+    with session.path.open("r+b") as file:
+        file.seek(8)
+        file.write(b"\x09")
+    with pytest.raises(contents.Refused, match="superblock"):
+        _read(session.path)
 
 
 def _read(path: Path) -> contents.Contents:
