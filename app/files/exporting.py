@@ -46,8 +46,9 @@ from app.system.progress import HowFar, unheard
 FRAMES = "frame,sample,time_s,phase,phase_sample,P_N,Q_N,stage_um,file,reason,first,last,"
 FRAMES += "step,step_sample,camera_s"
 MOST_LOOKED_AT = 200  # fields, for the colour range of a film
-# what an export writes into a folder
-_OURS = re.compile(r"\d{6,}\.(tiff|vti)|(metadata|forces)\.csv|settings\.toml")
+# what an export of images, and one for ParaView, writes into a folder
+_IMAGES = re.compile(r"\d{6,}\.tiff|(metadata|forces)\.csv|settings\.toml")
+_FIELDS = re.compile(r"\d{6,}\.vti")
 
 
 def export(
@@ -208,7 +209,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             zero = zeroed(sensor_chain(config), event).zero_v
             config = replace(config, forces=replace(config.forces, zero=zero))
     settings = to_toml(config)
-    with new_folder(output, overwrite, _OURS) as folder:
+    with new_folder(output, overwrite, _IMAGES) as folder:
         exposures = _Exposures(reader)
         with _text(folder / "metadata.csv") as table:
             write_csv(table, [FRAMES.split(",")])
@@ -302,7 +303,7 @@ def _write_paraview(chosen: _Chosen, output: Path, overwrite: bool) -> str:
     check_output_folder(folder, overwrite)
     with (
         new_file(output, overwrite) as path,
-        new_folder(folder, overwrite, _OURS) as unfinished,
+        new_folder(folder, overwrite, _FIELDS) as unfinished,
     ):
         write_pvd(path, unfinished, folder.name, chosen.header, chosen.fields())
     return f"{output}: {len(chosen.measured)} fields, one file each in {folder}"

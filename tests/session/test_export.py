@@ -299,6 +299,18 @@ def test_nothing_is_overwritten_without_the_option(
     assert not [name for name in after if ".part" in name]
 
 
+def test_an_export_for_paraview_replaces_fields_only(session: Session, tmp_path: Path) -> None:
+    """Not the pictures of an export, or of a laboratory, in the folder that it is named after."""
+    export(session.path, tmp_path / "all")
+    before = everything_in(tmp_path / "all")
+    (tmp_path / "all/000099.vti").write_text("of an export before")
+    export(session.path, tmp_path / "all.pvd", overwrite=True)
+    after = everything_in(tmp_path / "all")
+    assert "000001.tiff" in before
+    assert {name: after[name] for name in after if not name.endswith(".vti")} == before
+    assert "000099.vti" not in after
+
+
 @pytest.mark.parametrize("name", OUTPUTS)
 def test_an_export_that_fails_leaves_nothing(session: Session, tmp_path: Path, name: str) -> None:
     (tmp_path / "out").mkdir()
