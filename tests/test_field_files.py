@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -12,6 +14,8 @@ import pytest
 from app.files.field_files import FieldSeries, read_fields
 from app.files.inverting import with_centre
 from app.session.field_series import FieldsWriter
+from app.system import disk
+from app.system.disk import DiskError
 from app.system.errors import UserError
 
 X, Y = np.array([10.0, 20, 30, 40]), np.array([15.0, 25, 35])
@@ -71,11 +75,36 @@ def test_a_table_in_units_of_length_needs_no_pixel(tmp_path: Path) -> None:
     np.testing.assert_allclose(sd, 1e-11)
 
 
-def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
-    class Field:
-        ux_px = uy_px = ux_std_px = uy_std_px = zncc = np.ones((3, 4), np.float32)
-        status = iterations = np.zeros((3, 4), np.uint8)
+class Field:
+    ux_px = uy_px = ux_std_px = uy_std_px = zncc = np.ones((3, 4), np.float32)
+    status = iterations = np.zeros((3, 4), np.uint8)
 
+
+@pytest.mark.parametrize("room", [0, 9000])
+def test_a_disk_that_is_full_is_an_error_of_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    """HDF5, which would break the program, is not told of it."""
+    path = tmp_path / "f.h5"
+    write_all, taken = disk._write_all, 0
+
+    def limited(write: Callable[[memoryview], int | None], content: memoryview) -> None:
+        nonlocal taken
+        taken += len(content)
+        if taken > room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        write_all(write, content)
+
+    monkeypatch.setattr(disk, "_write_all", limited)
+    with (
+        pytest.raises(DiskError, match="No space left"),
+        closing(FieldsWriter(path, ["a.tif"], X, Y, ["ok"], {"reference": "r.tif"}, {})) as writer,
+    ):
+        writer.append(Field())
+    path.unlink()  # nothing holds it
+
+
+def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
     settings = {"reference": "r.tif"}
     writer = FieldsWriter(tmp_path / "f.h5", ["a.tif"], X, Y, ["ok"], settings, {})
     with closing(writer):

@@ -15,10 +15,11 @@ from analysis.arrays import F64, floats
 from app.records.record_types import DisplacementField
 from app.records.schema import Column, columns_of
 from app.session.checked import NUMBER, CheckedFile
-from app.session.columns import label, mark, write
+from app.session.columns import label, let_go, mark, write
 from app.session.dimension_scales import name_sides
 from app.session.layout import FORMAT_ATTRIBUTE, Group
 from app.session.results_layout import RESULTS_ATTRIBUTE
+from app.system.disk import SparedFile
 from app.system.errors import UserError
 
 _GROUP, _SIDES = "/entry/fields", ("fields", "ny", "nx")
@@ -84,48 +85,75 @@ class FieldsWriter:
         units: Mapping[str, str],
     ) -> None:
         self._next = 0
-        self._file = h5py.File(path, "x")
-        self._file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "SlipScope"})
-        entry = self._file.create_group("entry")
-        entry.attrs["default"] = "fields"
-        entry["title"] = f"displacement from {settings['reference']}"
-        source = entry.create_group("settings")
-        source["images"] = np.array(list(images), dtype=h5py.string_dtype())
-        for name, value in settings.items():
-            source[name] = value
-            if not isinstance(value, str):
-                source[name].attrs["units"] = units[name]
-        others = tuple(column.name for column in _COLUMNS if column.name != "ux")
-        axes = tuple(column.name for column in _AXES)
-        mark(entry, Group("/entry", "NXentry"))
-        mark(source, Group("/entry/settings"))
-        mark(entry.create_group("fields"), Group(_GROUP, "NXdata", "ux", others, axes))
-        numbers = np.arange(1, len(images) + 1)
-        for axis, values in zip(_AXES, (numbers, y_px, x_px), strict=True):
-            label(write(self._file, axis.path, values, axis.dtype), axis)
-        shape = (len(images), len(y_px), len(x_px))
-        meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
-        self._columns = {}
-        for column in _COLUMNS:
-            dataset = self._file.create_dataset(
-                column.path, shape, column.dtype, chunks=(1, *shape[1:])
-            )
-            label(dataset, column)
-            if column.name == "status":
-                dataset.attrs["long_name"] = f"status: {meanings}"
-            self._columns[column.attribute] = dataset
-        shapes = {column.path: column.shape for column in (*_AXES, *_COLUMNS)}
-        name_sides(self._file, shapes, {str(axis.shape[0]): axis.path for axis in _AXES})
+        path.touch(exist_ok=False)
+        self._disk = SparedFile(path)
+        self._file: Any = None
+        try:
+            self._file = file = h5py.File(self._disk, "w")
+            file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "SlipScope"})
+            entry = file.create_group("entry")
+            entry.attrs["default"] = "fields"
+            entry["title"] = f"displacement from {settings['reference']}"
+            source = entry.create_group("settings")
+            source["images"] = np.array(list(images), dtype=h5py.string_dtype())
+            for name, value in settings.items():
+                source[name] = value
+                if not isinstance(value, str):
+                    source[name].attrs["units"] = units[name]
+            others = tuple(column.name for column in _COLUMNS if column.name != "ux")
+            axes = tuple(column.name for column in _AXES)
+            mark(entry, Group("/entry", "NXentry"))
+            mark(source, Group("/entry/settings"))
+            mark(entry.create_group("fields"), Group(_GROUP, "NXdata", "ux", others, axes))
+            numbers = np.arange(1, len(images) + 1)
+            for axis, values in zip(_AXES, (numbers, y_px, x_px), strict=True):
+                label(write(file, axis.path, values, axis.dtype), axis)
+            shape = (len(images), len(y_px), len(x_px))
+            meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
+            self._columns = {}
+            for column in _COLUMNS:
+                dataset = file.create_dataset(
+                    column.path, shape, column.dtype, chunks=(1, *shape[1:])
+                )
+                label(dataset, column)
+                if column.name == "status":
+                    dataset.attrs["long_name"] = f"status: {meanings}"
+                self._columns[column.attribute] = dataset
+            shapes = {column.path: column.shape for column in (*_AXES, *_COLUMNS)}
+            name_sides(file, shapes, {str(axis.shape[0]): axis.path for axis in _AXES})
+            self._disk.check()
+        except BaseException:
+            let_go(self._disk, self._file)
+            raise
 
     def append(self, field: Any, /) -> None:
-        """Write the field of the next image, an `analysis.dic.Field`."""
+        """Write the field of the next image, an `analysis.dic.Field`.
+
+        Raises
+        ------
+        OSError
+            The disk did not take it.
+        """
         for attribute, column in self._columns.items():
             column[self._next] = getattr(field, attribute)
+        self._disk.check()
         self._next += 1
 
     def close(self) -> None:
-        """Close the file. May be called twice."""
-        self._file.close()
+        """Close the file, all of which is then on the disk. May be called twice.
+
+        Raises
+        ------
+        OSError
+            The disk did not take all of it.
+        """
+        if self._disk.closed:
+            return
+        try:
+            self._file.close()
+            self._disk.sync()
+        finally:
+            let_go(self._disk, self._file)
 
 
 class FieldsHeld(NamedTuple):
