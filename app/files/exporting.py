@@ -48,6 +48,7 @@ FRAMES += "step,step_sample,camera_s"
 MOST_LOOKED_AT = 200  # fields, for the colour range of a film
 # what an export of images, and one for ParaView, writes into a folder
 _IMAGES = re.compile(r"\d{6,}\.tiff|(metadata|forces)\.csv|settings\.toml")
+_READINGS = ("normal_V", "shear_V")
 _FIELDS = re.compile(r"\d{6,}\.vti")
 
 
@@ -203,10 +204,13 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
             f"{output}: the images need {bytes_text(needed)}, {bytes_text(free)} are free; make"
             " room or choose --frames"
         )
-    config = settings_of(reader)
+    config, forces = settings_of(reader), force_columns(reader)
     for event in reader.events():
         if event.kind == ZERO:
             zero = zeroed(sensor_chain(config), event).zero_v
+            if event.sample > 0 and zero != config.forces.zero:
+                # by the settings, which have the last zero, the readings mean other forces
+                forces = {name: forces[name] for name in forces if name not in _READINGS}
             config = replace(config, forces=replace(config.forces, zero=zero))
     settings = to_toml(config)
     with new_folder(output, overwrite, _IMAGES) as folder:
@@ -226,7 +230,7 @@ def _write_images(chosen: _Chosen, output: Path, overwrite: bool) -> str:
                 stamp = repr(stamp_s) if math.isfinite(stamp_s) else ""
                 row = [index, *exposures.cells(sample), name, reason, first, last]
                 write_csv(table, [[*row, *exposures.step(sample), stamp]], digits=0)
-        chosen.tables.write_to(folder / "forces.csv", "forces", force_columns(reader))
+        chosen.tables.write_to(folder / "forces.csv", "forces", forces)
         (folder / "settings.toml").write_text(settings, encoding="utf-8")
     return (
         f"{output}: {counted(received, 'image')},"

@@ -252,8 +252,10 @@ def force_columns(reader: SessionReader) -> Columns:
         "stage_um": stage_um(*reader.positions(), samples),
     }
     if (channels := reader.header.auxiliary) is not None and held.auxiliary is not None:
+        own = {name.partition("_")[0].lower() for name in columns}
         for label, values in zip(channels.labels, held.auxiliary.T, strict=True):
-            name = label
+            # `slipscope import` would take it for a second column of a quantity
+            name = f"aux_{label}" if label.rpartition("_")[0].lower() in own else label
             while name in columns:
                 name = f"aux_{name}"
             columns[name] = values

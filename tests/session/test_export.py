@@ -20,11 +20,17 @@ from PIL import Image
 from session_material import GRID_X, GRID_Y, OUTCOME, SHAPE, Session, make_writer, record
 
 from app.cli import file_commands as files
+from app.evaluation.setup import forces_of
 from app.files.array_files import Array, write_mat
 from app.files.exporting import export, frame_range
 from app.files.field_files import read_fields
+from app.files.frames import Sources
+from app.files.importing import understood
 from app.files.text_tables import FRAMES, read_table
+from app.records.analog_channels import Channels
+from app.records.record_types import ZERO, Event, Phase, Samples
 from app.records.snapshot_numbers import numbers_of, series_of
+from app.settings.config import load, to_toml
 from app.system.errors import UserError
 from app.system.outputs import cell_of, text_of
 from drivers.protocols import Frame, LostFrame
@@ -130,6 +136,23 @@ def test_frames_can_be_chosen(
     )
     names = {f"{frame:06d}.tiff" for frame in frames if frame != 3}
     assert {path.name for path in (tmp_path / "some").glob("*.tiff")} == names
+
+
+def test_forces_from_before_a_zero_are_imported_as_they_were(tmp_path: Path) -> None:
+    config = load(None, ["camera.width=64", "camera.height=64", "dic.box=20", "dic.step=10"])
+    volts, zero = np.linspace(0, [1, 2], 200), Event(100, ZERO, "", normal_v=0.05, shear_v=-0.02)
+    forces = forces_of(config, volts, [zero])
+    about = {"config_toml": to_toml(config), "auxiliary": Channels(("stage",), ("mm",))}
+    writer = make_writer(tmp_path / "a.h5", frame_shape=(64, 64), **about)
+    writer.append(Event(0, "phase", str(Phase.REFERENCE)))
+    writer.append(zero)
+    writer.append(Samples(0, volts, forces, np.ones((200, 1))))
+    writer.append(Frame(0, 5, np.ones((64, 64), np.uint8)))
+    writer.close()
+    export(tmp_path / "a.h5", tmp_path / "images")
+    back = understood(Sources(images=(tmp_path / "images",)))
+    found = forces_of(back.config, back.measured.volts, back.measured.events)
+    np.testing.assert_allclose(found, forces, atol=1e-12)
 
 
 @pytest.mark.parametrize("text", ["x", "1:2:0", "-1", "1:2:3:4", "1.5", "9" * 40])

@@ -277,16 +277,18 @@ def test_pandas_reads_the_exported_tables_as_they_are(
 
 def test_a_further_channel_takes_no_column_of_another(tmp_path: Path) -> None:
     """Nor has it a name that MATLAB refuses."""
-    names, units = ("P", "stage", "gap", "R", "flow", "flow_m"), ("N", "um", "µm", "Ω", "m/s", "s")
+    names = ("P", "stage", "gap", "R", "flow", "flow_m", "stage", "q")
+    units = ("N", "um", "µm", "Ω", "m/s", "s", "mm", "mN")
     writer = make_writer(tmp_path / "a.h5", auxiliary=Channels(names, units))
-    further = np.arange(6.0) + np.zeros((5, 6))
+    further = np.arange(8.0) + np.zeros((5, 8))
     writer.append(Samples(0, np.ones((5, 2)), np.full((5, 2), 9.0), further))
     writer.close()
     export(tmp_path / "a.h5", tmp_path / "forces.csv", "forces")
     found = read(tmp_path / "forces.csv")
     assert found["P_N"] == ["9.0"] * 5
     labels = ["aux_P_N", "aux_stage_um", "gap_um", "R__", "flow_m_s", "aux_flow_m_s"]
-    assert [float(found[label][0]) for label in labels] == [0, 1, 2, 3, 4, 5]
+    labels += ["aux_stage_mm", "aux_q_mN"]  # which an import takes for the stage and for Q
+    assert [float(found[label][0]) for label in labels] == [0, 1, 2, 3, 4, 5, 6, 7]
     export(tmp_path / "a.h5", tmp_path / "a.mat")
     assert {f"forces_{label}" for label in labels} <= set(scipy.io.loadmat(tmp_path / "a.mat"))
 
