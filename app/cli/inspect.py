@@ -40,18 +40,28 @@ def info(
     from app.session.journal import has_journal
     from app.session.reader import SessionReader
     from app.settings.config import settings_of
+    from app.system.errors import UserError
 
     receipt, fault = _read_back(session) if verify else (None, "")
-    with SessionReader(session) as reader:
-        header, outcome, ended = reader.header, reader.outcome, reader.ended
-        config = settings_of(reader)
-        version = reader.format
-        uncertain = uncertain_triggers(reader)
-        phases = [
-            {"phase": e.text, "sample": e.sample, "time_s": e.sample / header.sample_rate_hz}
-            for e in reader.events()
-            if e.kind == "phase"
-        ]
+    try:
+        with SessionReader(session) as reader:
+            header, outcome, ended = reader.header, reader.outcome, reader.ended
+            config = settings_of(reader)
+            version = reader.format
+            uncertain = uncertain_triggers(reader)
+            phases = [
+                {"phase": e.text, "sample": e.sample, "time_s": e.sample / header.sample_rate_hz}
+                for e in reader.events()
+                if e.kind == "phase"
+            ]
+    except UserError:
+        if not fault:
+            raise
+        if as_json:
+            print_json({"session": str(session), "receipt": None, "fault": fault})
+        else:
+            say(fault)
+        return FAILED
     held = header.auxiliary
     channels = dict(zip(held.name, held.unit, strict=False)) if held else {}
     analyses = [path.name for path in analyses_of(session)]

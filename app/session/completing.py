@@ -70,6 +70,10 @@ class FoundRecording:
         What it is brought back from; empty of a recording that is closed in good order.
     lacks_map : bool
         Whether the map of the pixels, with which results were computed, cannot be read.
+    lost_results : int
+        Analysed frames that are there and whose results are not.
+    lacking : list of str
+        What cannot be read at all, such as "events".
     """
 
     frames: int = 0
@@ -80,13 +84,15 @@ class FoundRecording:
     results: int = 0
     origin: str = ""
     lacks_map: bool = False
+    lost_results: int = 0
+    lacking: list[str] = field(default_factory=list)
     torn_frames: set[int] = field(default_factory=set)
 
     @property
     def is_whole(self) -> bool:
         """Whether it is sure that nothing that was recorded is missing."""
         lost = (self.torn, self.unread, self.damaged_bytes, self.altered, self.lacks_map)
-        return not any(lost)
+        return not any((*lost, self.lost_results, self.lacking))
 
     def __str__(self) -> str:
         """What is missing, in words."""
@@ -94,6 +100,10 @@ class FoundRecording:
             f"{self.torn} of {self.frames + self.torn} recorded images and "
             f"{counted(self.unread, 'sample')} could not be brought back"
         )
+        if self.lost_results:
+            words += f", nor could the results of {counted(self.lost_results, 'frame')}"
+        if self.lacking:
+            words += f"; what cannot be read at all: {', '.join(self.lacking)}"
         if self.damaged_bytes:
             words += f"; {self.damaged_bytes} bytes of the journal are damaged"
         if self.altered:
@@ -273,6 +283,7 @@ def _as_found(outcome: Outcome, found: FoundRecording, samples: int) -> Outcome:
     if not found.origin or (found.origin == JOURNAL and is_all_there):
         return outcome
     words = "".join(f", {count} {name}" for name, count in lost.items() if count > 0)
+    words += "".join(f", {name}" for name in found.lacking if name not in lost)
     return replace(
         outcome,
         reason=f"{outcome.reason}; repaired, {images} images{words} were lost",

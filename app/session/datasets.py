@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from analysis.arrays import F64, Rows
-from app.records.record_types import REVOKED, Event, Samples
+from app.records.record_types import REVOKED, Counts, Event, Samples
+from app.records.schema import columns_of
 
 if TYPE_CHECKING:
     from app.session.reader import SessionReader
@@ -60,3 +61,20 @@ def uncertain_triggers(reader: SessionReader) -> list[int]:
         is_uncertain |= index >= revoked
     numbers: list[int] = index[is_uncertain].tolist()
     return numbers
+
+
+def counted_in(reader: SessionReader) -> Counts:
+    """The account of a session that was cut short, from what is in the file."""
+    triggers = reader.triggers()
+    frames, analysed = int(triggers["received"].sum()), len(set(reader.analysed_frames()))
+    lost = sum(count for _, count in reader.gaps())
+    return Counts(
+        triggers=len(triggers),
+        frames_received=frames,
+        frames_recorded=frames,
+        frames_lost=len(triggers) - frames,
+        frames_analysed=analysed,
+        frames_skipped=frames - analysed,
+        samples=min(len(reader.dataset(column.path)) for column in columns_of(Samples)) - lost,
+        samples_lost=lost,
+    )

@@ -6,7 +6,7 @@ A file may come from anywhere: what it says is checked (`app.session.checked`) b
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
@@ -46,7 +46,7 @@ from app.records.summary import Summary
 from app.session import layout, legacy
 from app.session.checked import CheckedFile, Closable
 from app.session.dataset_bytes import Dataset
-from app.session.datasets import samples_of
+from app.session.datasets import counted_in, samples_of
 from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
 from app.session.results_layout import RESULTS_ATTRIBUTE
 from app.system.errors import MissingFile, UserError
@@ -133,7 +133,7 @@ class SessionReader(Closable):
         return Outcome(
             end,
             reason,
-            self._optional(Counts) or self._counted(),
+            self._optional(Counts) or counted_in(self),
             self._optional(Summary),
             dict(resources),
         )
@@ -339,22 +339,34 @@ class SessionReader(Closable):
 
     def records(self) -> Iterator[Acquired | Event]:
         """Everything measured, as the records that make another session of it."""
+        for part in self.parts().values():
+            yield from part()
+
+    def parts(self) -> dict[str, Callable[[], Iterable[Acquired | Event]]]:
+        """The same in parts by what they are, each of which is read without the others."""
         self.altered.clear()
+        _ = self._images  # an analysis without its session cannot be read at all
+        return {
+            "forces": self._blocks,
+            "triggers and images": self._fates,
+            "places of the stage": lambda: map(Position, *(c.tolist() for c in self.positions())),
+            "events": self.events,
+        }
+
+    def _blocks(self) -> Iterator[Samples | Gap]:
         for first, end in self._stretches():
             try:
                 yield self._block(first, end)
             except UserError:
-                self.altered.append(Gap(first, end - first, UNREADABLE_SAMPLES))
-                yield self.altered[-1]
-        if self._frame_rows:
-            _ = self._images  # an analysis without its session cannot be read at all
+                self.altered.append(lost := Gap(first, end - first, UNREADABLE_SAMPLES))
+                yield lost
+
+    def _fates(self) -> Iterator[Acquired]:
         for index, sample, received, _, reason, *span in self.triggers().tolist():
             if received:
                 yield self._fate(index, sample, *span)
             else:
                 yield LostFrame(index, sample, reason, *span[:2])
-        yield from map(Position, *(column.tolist() for column in self.positions()))
-        yield from self.events()
 
     def _fate(
         self, index: int, sample: int, first: int, last: int, stamp_s: float
@@ -368,22 +380,6 @@ class SessionReader(Closable):
             return TriggerRow(index, sample, row, "", 0, checksum, first, last, stamp_s)
         self.altered.append(LostFrame(index, sample, UNREADABLE_IMAGE, first, last))
         return self.altered[-1]
-
-    def _counted(self) -> Counts:
-        """The account of a session that was cut short, from what is in the file."""
-        triggers, frames = len(self._triggers["index"]), len(self._frame_rows)
-        analysed = len(set(self.analysed_frames()))
-        lost = sum(count for _, count in self.gaps())
-        return Counts(
-            triggers=triggers,
-            frames_received=frames,
-            frames_recorded=frames,
-            frames_lost=triggers - frames,
-            frames_analysed=analysed,
-            frames_skipped=frames - analysed,
-            samples=min(len(column) for column in self._force_columns().values()) - lost,
-            samples_lost=lost,
-        )
 
     @cached_property
     def _images(self) -> SessionReader:

@@ -146,26 +146,40 @@ def _readable(
     there, and how the run ended, as far as they can be read.
     """
     frames: set[int] = set()
-    triggers = max(1, len(reader.triggers()))
+    triggers = max(1, len(reader.dataset("/entry/triggers/index")))
     if found.lacks_map:
         yield Event(0, "recording", WITHOUT_MAP)
-    for record in reader.records():
-        if isinstance(record, Frame | TriggerRow):
-            frames.add(record.index)
-            progress(min(1.0, record.index / triggers))
-        yield record
+    for name, part in reader.parts().items():
+        try:
+            for record in part():
+                if isinstance(record, Frame | TriggerRow):
+                    frames.add(record.index)
+                    progress(min(1.0, record.index / triggers))
+                yield record
+        except UserError:
+            found.lacking.append(name)
     found.frames = len(frames)
     found.torn = sum(isinstance(lost, LostFrame) for lost in reader.altered)
     found.unread = sum(lost.count for lost in reader.altered if isinstance(lost, Gap))
-    with suppress(UserError, ValueError):  # results that do not fit the images
-        for snapshot in reader.snapshots():
-            if snapshot.frame in frames:
-                check_snapshot(snapshot, reader.header)
-                yield snapshot
-                found.results += 1
-    with suppress(UserError):
+    try:
+        for i, frame in enumerate(reader.analysed_frames()):
+            if frame in frames:
+                try:
+                    check_snapshot(snapshot := reader.snapshot(i), reader.header)
+                except (UserError, ValueError):  # damaged, or it does not fit the images
+                    found.lost_results += 1
+                else:
+                    found.results += 1
+                    yield snapshot
+    except UserError:
+        found.lacking.append("results")
+    try:
         if (contact := reader.contact()) is not None:
             yield contact
-    with suppress(UserError):
+    except UserError:
+        found.lacking.append("contact")
+    try:
         if reader.outcome.end is not End.UNFINISHED:
             yield reader.outcome
+    except UserError:
+        found.lacking.append("end of the run")

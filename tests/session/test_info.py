@@ -53,6 +53,19 @@ def test_altered_image_is_named(session: Session, capsys: Capture) -> None:
     assert (data["receipt"], "image 6 is not" in data["fault"]) == (None, True)
 
 
+@pytest.mark.parametrize("table", ["triggers/index", "events/sample"])
+def test_what_info_itself_needs_is_told_as_any_other_fault(
+    session: Session, capsys: Capture, table: str
+) -> None:
+    alter(session.path, f"/entry/{table}", 0)
+    assert info(session.path, as_json=False, verify=True) == 1
+    assert f"/entry/{table} is not as recorded" in capsys.readouterr().err
+    assert info(session.path, as_json=True, verify=True) == 1
+    assert f"/entry/{table} is" in json.loads(capsys.readouterr().out)["fault"]
+    with pytest.raises(UserError, match=f"damaged at /entry/{table}"):
+        info(session.path, as_json=False)
+
+
 COLUMNS = [
     "forces/shear_force",
     "triggers/checksum",

@@ -6,11 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from session_material import (
     COUNTS,
     OUTCOME,
     Session,
+    alter,
     assert_same,
     copy_recording,
     record,
@@ -97,10 +99,43 @@ def test_one_dataset_that_can_not_be_read_costs_what_needs_it_and_nothing_else(
     repaired = repair(session.path, tmp_path / "repaired.h5")
     assert (repaired.source, repaired.found.results) == ("file", results)
     assert_same(tmp_path / "repaired.h5", session)
-    results_too = f", {6 - results} results" if results < 6 else ""
+    assert not repaired.found.is_whole
+    results_too = f", {6 - results} results" if results < 6 else ", contact"
     with SessionReader(tmp_path / "repaired.h5") as read:
         assert read.outcome.state == "done"
         assert (
             read.outcome.reason == f"the travel is done; repaired, 0 images{results_too} were lost"
         )
         assert (read.contact() is None) == (lost == "contact/radius")
+
+
+@pytest.mark.parametrize(
+    ("table", "part", "kept"),
+    [
+        ("instrument/actuator/position", "places of the stage", 7),
+        ("events/sample", "events", 7),
+        ("triggers/index", "triggers and images", 0),
+    ],
+)
+def test_a_table_that_can_not_be_read_costs_nothing_but_what_is_in_it(
+    session: Session, tmp_path: Path, table: str, part: str, kept: int
+) -> None:
+    alter(session.path, f"/entry/{table}", 0)
+    repaired = repair(session.path, tmp_path / "repaired.h5")
+    assert (repaired.receipt.frames, repaired.found.is_whole) == (kept, False)
+    assert f"what cannot be read at all: {part}" in str(repaired)
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        np.testing.assert_array_equal(read.forces().volts, session.volts)
+        assert f", {part}" in read.outcome.reason
+
+
+def test_a_field_that_can_not_be_read_costs_the_results_of_its_frame(
+    session: Session, tmp_path: Path
+) -> None:
+    alter(session.path, "/entry/fields/zncc", 1)  # of frame 4
+    repaired = repair(session.path, tmp_path / "repaired.h5")
+    assert (repaired.found.results, repaired.found.lost_results) == (5, 1)
+    assert not repaired.found.is_whole
+    assert "nor could the results of 1 frame" in str(repaired)
+    with SessionReader(tmp_path / "repaired.h5") as read:
+        assert read.analysed_frames() == [0, 1, 2, 6, 7]
