@@ -19,13 +19,13 @@ import cv2
 import numpy as np
 
 from analysis.arrays import F64
-from analysis.contact.orientation import Direction
 from app.evaluation.setup import sensor_chain, zeroed
 from app.files.array_files import Array, session_arrays, table_arrays, write_mat, write_npz
 from app.files.field_files import FieldTable, stated
 from app.files.kinds import KINDS, RESULTS
 from app.files.paraview import write_pvd
 from app.files.tabular import Tables
+from app.records.lens_motion import lens_xy_m
 from app.records.quantities import counted
 from app.records.record_types import STEP, ZERO, DisplacementField, Event, Snapshot
 from app.session.datasets import with_revocations
@@ -291,9 +291,8 @@ def _lens_px(snapshot: Snapshot, pixel_m: float) -> tuple[float, float]:
     """Motion of the lens along x and y, NaN where it is not known."""
     if snapshot.motion is None:
         return math.nan, math.nan
-    along, angle = snapshot.motion.lens_m / pixel_m, snapshot.motion.drive_angle_rad
-    drive = Direction.at(angle if math.isfinite(angle) else 0.0)
-    return along * drive.x, along * drive.y
+    x_m, y_m = lens_xy_m(snapshot.motion)
+    return x_m / pixel_m, y_m / pixel_m
 
 
 def _write_arrays(arrays: Iterable[Array], output: Path, overwrite: bool) -> str:

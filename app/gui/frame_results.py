@@ -17,6 +17,7 @@ from analysis.saturation import end_of_scale
 from app.gui.cells import number, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
 from app.gui.source import Point, Rect, Setup, centres_px
+from app.records.lens_motion import drive_of, lens_xy_m
 from app.records.quantities import measured_text
 from app.records.record_types import F32, F64, ContactResult, Snapshot
 from app.runs.run_source import Image
@@ -90,9 +91,15 @@ class FieldKind:
 
 FIELDS = (
     FieldKind(
-        "ux_um", "uₓ", "µm", "Displacement along the drive, without the lens' motion", "drive"
+        "ux_um",
+        "uₓ",
+        "µm",
+        "Displacement along the rows of the picture, without the lens' motion",
+        "drive",
     ),
-    FieldKind("uy_um", "uᵧ", "µm", "Displacement across the drive", "both"),
+    FieldKind(
+        "uy_um", "uᵧ", "µm", "Displacement down the picture, without the lens' motion", "both"
+    ),
     FieldKind("u_um", "|u|", "µm", "Magnitude of the displacement", "one"),
     FieldKind("sigma_kPa", "σₓz", "kPa", "Shear traction σ_xz, along the drive", "drive"),
     FieldKind(
@@ -208,21 +215,23 @@ class FrameResults:
     def _values(self, key: str) -> F32:
         field, stress = self.snapshot.field, self.snapshot.stress_field_pa
         assert field is not None
-        um, along = np.float32(self.setup.pixel_um), along_um(self.snapshot, self.setup)
+        ux_um, uy_um = over_lens_um(self.snapshot, self.setup)
         match key:
             case "ux_um":
-                return along
+                return ux_um
             case "uy_um":
-                return field.uy_px * um
+                return uy_um
             case "u_um":
-                size: F32 = np.hypot(along, field.uy_px * um)
+                size: F32 = np.hypot(ux_um, uy_um)
                 return size
             case "slip_um":
-                return self._in_contact(along)
+                assert self.snapshot.motion is not None
+                along = drive_of(self.snapshot.motion).along(ux_um, uy_um)
+                return self._in_contact(along.astype(np.float32))
             case "zncc":
                 return field.zncc
             case "ux_sd_um":
-                return field.ux_std_px * um
+                return field.ux_std_px * np.float32(self.setup.pixel_um)
         assert stress is not None
         return stress * np.float32(1e-3)
 
@@ -300,12 +309,13 @@ class FrameResults:
         return f"∫σ dA = {force} N, Q = {shear} N"
 
 
-def along_um(snapshot: Snapshot, setup: Setup) -> F32:
-    """u_x without the motion of the lens (um), of a snapshot that has a field."""
-    field, motion = snapshot.field, snapshot.motion
+def over_lens_um(snapshot: Snapshot, setup: Setup) -> tuple[F32, F32]:
+    """u_x and u_y without the motion of the lens (um), of a snapshot that has a field."""
+    field, motion, um = snapshot.field, snapshot.motion, np.float32(setup.pixel_um)
     assert field is not None
     assert motion is not None
-    return field.ux_px * np.float32(setup.pixel_um) - np.float32(motion.lens_m * 1e6)
+    x_m, y_m = lens_xy_m(motion)
+    return field.ux_px * um - np.float32(x_m * 1e6), field.uy_px * um - np.float32(y_m * 1e6)
 
 
 # ------------------------------------------------------------------ one frame

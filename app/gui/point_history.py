@@ -8,7 +8,7 @@ import numpy as np
 
 from app.gui.cells import number
 from app.gui.charts import Chart, Line
-from app.gui.frame_results import along_um
+from app.gui.frame_results import over_lens_um
 from app.gui.run_curves import time_axis
 from app.gui.source import Point, Setup, cell_at
 from app.records.record_types import F32, Snapshot
@@ -44,7 +44,7 @@ class FieldHistory:
         longer = replace(self, seen=self.seen + 1, newest=snapshot.frame)
         if self.seen % self.every:
             return longer
-        fields = (*self.fields, (middle_s, along_um(snapshot, setup)))
+        fields = (*self.fields, (middle_s, over_lens_um(snapshot, setup)[0]))
         if len(fields) * fields[0][1].nbytes > MOST_BYTES:
             return replace(longer, fields=fields[::2], every=2 * self.every)
         return replace(longer, fields=fields)

@@ -23,6 +23,7 @@ from matplotlib.ticker import MaxNLocator
 
 from analysis.arrays import F64
 from app.records.legs import first_loading, numbered_instants, stage_travel
+from app.records.lens_motion import lens_xy_m
 from app.records.quantities import resolved
 from app.records.record_types import ContactResult, Phase, Snapshot
 from app.records.snapshot_numbers import RADII, ring_displacements, series_of
@@ -106,7 +107,7 @@ def experiment_figure(
             panel.set_visible(False)
         for number, (panel, shot) in enumerate(zip(panels, numbered, strict=False), 1):
             if shot.field and shot.motion:
-                ux_m = shot.field.ux_px * np.float64(pixel_m) - shot.motion.lens_m
+                ux_m = shot.field.ux_px * np.float64(pixel_m) - lens_xy_m(shot.motion)[0]
                 label = "$u_x$ (µm)" if number % 3 == 0 else ""
                 draw_field(panel, ux_m * 1e6, x_mm, y_mm, label=label)
             now = shot.conditions

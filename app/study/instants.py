@@ -19,6 +19,7 @@ from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import mask_radius_m
 from app.records.effort import Effort, Product
+from app.records.lens_motion import drive_of, lens_xy_m
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import Snapshot
 from app.records.study_results import Instants
@@ -62,9 +63,9 @@ def instants_of(
         field, motion = shot.field, shot.motion
         if field is None or motion is None:
             continue
-        drive = Direction.at(motion.drive_angle_rad)
+        drive, (lens_x, lens_y) = drive_of(motion), lens_xy_m(motion)
         u, v = field.ux_px * pixel_m, field.uy_px * pixel_m
-        ux[:], uy[:] = u - drive.x * motion.lens_m, v - drive.y * motion.lens_m
+        ux[:], uy[:] = u - lens_x, v - lens_y
         if invert is not None and drive.is_along_rows:
             along = drive.along(u, v) - motion.lens_m
             stress[:] = scale * _traction(invert, along, field.ux_std_px * pixel_m, drive)

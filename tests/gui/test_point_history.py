@@ -1,7 +1,9 @@
 """The history of a place on the picture: chosen by a click, drawn for all frames so far."""
 
+import math
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,9 +16,11 @@ from scripted_run import REFERENCE, ScriptedRun
 from window_hands import begin, make_run, model_of
 
 from app.gui import point_history
+from app.gui.frame_results import Circles, frame_results
 from app.gui.point_history import FieldHistory
 from app.gui.source import setup_of
 from app.gui.window import MainWindow
+from app.records.record_types import FrameMotion
 
 MM = 7.04e-3
 ROW, COL = 11, 20  # of the grid of boxes, whose centres are at 10 px and on, 10 px apart
@@ -90,8 +94,9 @@ def test_of_a_long_run_every_second_field_is_kept(monkeypatch: pytest.MonkeyPatc
     setup = SimpleNamespace(pixel_um=2.0, grid_rect_px=(0.0, 0.0, 30.0, 20.0))
     history = FieldHistory()
     for n in range(33):
-        field = SimpleNamespace(ux_px=np.full((2, 3), n, np.float32))
-        one = SimpleNamespace(frame=n, field=field, motion=SimpleNamespace(lens_m=1e-6))
+        ux = np.full((2, 3), n, np.float32)
+        field = SimpleNamespace(ux_px=ux, uy_px=ux)
+        one = SimpleNamespace(frame=n, field=field, motion=FrameMotion(1e-6, 0.0))
         history = history.with_frame(one, n / 8, setup)  # type: ignore[arg-type]
         assert history.with_frame(one, n / 8, setup) is history  # it was seen
     assert (history.every, history.seen) == (4, 33)
@@ -102,6 +107,25 @@ def test_of_a_long_run_every_second_field_is_kept(monkeypatch: pytest.MonkeyPatc
     outside = history.chart((35.0, 5.0), 1.0, setup)  # type: ignore[arg-type]
     assert not outside.lines
     assert "outside" in outside.caption
+
+
+def test_the_lens_is_taken_off_along_the_drive_whichever_way_it_goes() -> None:
+    run = make_run()
+    shot, setup = run._snapshots[-1], setup_of(run)
+    ux, uy = 7.04 * shot.field.ux_px, 7.04 * shot.field.uy_px
+    moved = 1e6 * shot.motion.lens_m
+    for angle, lens_x, lens_y in ((math.pi, -moved, 0.0), (math.pi / 2, 0.0, moved)):
+        turned = replace(shot, motion=replace(shot.motion, drive_angle_rad=angle))
+        frame = frame_results(turned, setup, Circles(run.centre_px, 8 * 10.0, 0.0))
+        assert frame is not None
+        shown = {key: frame.field(key).values for key in ("ux_um", "uy_um", "u_um", "slip_um")}
+        along = -(ux - lens_x) if angle == math.pi else uy - lens_y
+        along[np.isnan(shown["slip_um"])] = np.nan
+        assert np.isfinite(along).any()
+        np.testing.assert_allclose(shown["ux_um"], ux - lens_x, atol=1e-3)
+        np.testing.assert_allclose(shown["uy_um"], uy - lens_y, atol=1e-3)
+        np.testing.assert_allclose(shown["u_um"], np.hypot(ux - lens_x, uy - lens_y), atol=1e-3)
+        np.testing.assert_allclose(shown["slip_um"], along, atol=1e-3)
 
 
 def test_the_history_is_of_one_run_alone() -> None:

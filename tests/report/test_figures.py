@@ -189,6 +189,15 @@ def test_the_fields_are_in_micrometres_with_the_lens_taken_off(
         assert abs(np.median(expected[28:31, 39:42]) - 1e6 * snapshot.motion.centre_ux_m) < 0.15
 
 
+def test_the_lens_is_taken_off_along_the_drive_which_need_not_go_to_the_right(loading: Any) -> None:
+    last = loading.snapshots[-1]
+    for angle, times in ((math.pi, -1.0), (math.pi / 2, 0.0), (math.nan, 1.0)):
+        shot = replace(last, motion=replace(last.motion, drive_angle_rad=angle))
+        (panel,) = panels(draw(loading, snapshots=[shot]))
+        expected = 1e6 * (last.field.ux_px.astype(float) * PIXEL_M - times * last.motion.lens_m)
+        np.testing.assert_allclose(np.asarray(panel.images[0].get_array()), expected, atol=1e-6)
+
+
 def test_the_circles_are_a_and_c_about_the_contact_in_millimetres(
     figure: Figure, loading: Any
 ) -> None:
