@@ -57,6 +57,16 @@ def as_seen(
     return _at(u, now, 3), _at(sd, now, 1)  # a spline through a jump of sd falls below 0
 
 
+def evened(u: F64, sd: F64, off: F64) -> tuple[F64, F64]:
+    """A field and its uncertainty, both (ny, nx), at the points of an even grid off which their own
+    points lie by `off`, shape (2, ny, nx), in rows and columns; NaN as in `as_seen`.
+    """
+    now = places = np.indices(u.shape, dtype=np.float64)
+    for _ in range(3):
+        now = places - [ndimage.map_coordinates(way, now, order=1, mode="nearest") for way in off]
+    return _at(u, now, 3), _at(sd, now, 1)
+
+
 def rings_as_seen(x: F64, y: F64, u: F64, width: float, direction: Direction = ALONG_X) -> Rings:
     """Ring means, in metres, of a displacement about the contact's centre, each point where the
     material is now.

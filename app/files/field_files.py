@@ -15,9 +15,11 @@ from typing import Any, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.arrays import F64, floats
+from analysis.arrays import F64
 from analysis.contact.orientation import ALONG_X, Direction
 from analysis.dic import Field, Status
+from analysis.undistorted import ideal_places
+from app.evaluation.undistorted_fields import undistorted
 from app.files.text_tables import LENGTH, NUMBER, TextTable, read_table
 from app.records.record_types import DisplacementField, Phase
 from app.session.field_series import is_session, read_fields_file
@@ -179,29 +181,29 @@ def _from_session(path: Path, pixel_m: float | None, frames: Collection[int]) ->
     direction = Direction.at(float(known[-1])) if len(known) else ALONG_X
     centre = None
     if contact is not None:
-        centre = contact.centre_px[0] * pixel, contact.centre_px[1] * pixel
+        camera = config.camera
+        x, y = ideal_places(*contact.centre_px, camera.distortion, camera.shape)
+        centre = float(x) * pixel, float(y) * pixel
 
     # no other is read; where one of them is not there, `FieldSeries.only` says so
     asked = [row for row in rows if results["frame"][row] in frames]
     wanted = asked if frames and len(asked) == len(set(frames)) else rows
 
-    def held() -> Iterator[tuple[int, DisplacementField]]:
+    def held() -> Iterator[tuple[int, F64, F64, F64, F64]]:
         with SessionReader(path) as session:
             for row in wanted:
                 found = session.snapshot(row).field
                 assert found is not None
-                yield row, found
+                yield row, *undistorted(config, found, x_px, y_px)
 
     def fields() -> Iterator[tuple[int, F64, F64]]:
-        for row, found in held():
-            u = direction.along(found.ux_px, found.uy_px)
-            sd = floats(found.ux_std_px)
+        for row, ux, uy, sd, _ in held():
+            u = direction.along(ux, uy)
             yield int(results["frame"][row]), u * pixel - results["lens_m"][row], sd * pixel
 
     def across() -> Iterator[tuple[F64, F64]]:
-        for _, found in held():
-            v = direction.across(found.ux_px, found.uy_px)
-            yield v * pixel, floats(found.uy_std_px) * pixel
+        for _, ux, uy, _, sd in held():
+            yield direction.across(ux, uy) * pixel, sd * pixel
 
     return FieldSeries(
         path,

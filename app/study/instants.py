@@ -18,6 +18,7 @@ from app.evaluation.conclusions import hertz_radius_m
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.setup import grid_of, places_m
 from app.evaluation.tractions import mask_radius_m
+from app.evaluation.undistorted_fields import undistorted
 from app.records.effort import Effort, Product
 from app.records.lens_motion import drive_of, lens_xy_m
 from app.records.pixel_pattern import PixelPattern
@@ -54,8 +55,7 @@ def instants_of(
     grid, pixel_m = grid_of(config), np.float64(config.camera.pixel)
     centre, shots = _correlated(config, session, pattern, before, chosen)
     centre_x, centre_y = places_m(config, *centre)
-    x_m, y_m = places_m(config, *np.meshgrid(grid.x_px, grid.y_px))
-    x_m, y_m = x_m - centre_x, y_m - centre_y
+    x_m, y_m = grid.x_px * pixel_m - centre_x, grid.y_px * pixel_m - centre_y
     invert = _inversion(config, x_m, y_m, shots[-1] if shots else None)
     scale = modulus_pa / config.sample.young_modulus if math.isfinite(modulus_pa) else 1.0
     fields = np.full((3, len(shots), *grid.shape), np.nan, np.float32)
@@ -64,12 +64,11 @@ def instants_of(
         if field is None or motion is None:
             continue
         drive, (lens_x, lens_y) = drive_of(motion), lens_xy_m(motion)
-        u, v = field.ux_px * pixel_m, field.uy_px * pixel_m
+        u, v, sd, _ = (w * pixel_m for w in undistorted(config, field, grid.x_px, grid.y_px))
         ux[:], uy[:] = u - lens_x, v - lens_y
         if invert is not None and drive.is_along_rows:
-            along = drive.along(u, v) - motion.lens_m
-            stress[:] = scale * _traction(invert, along, field.ux_std_px * pixel_m, drive)
-    return Instants(np.array([shot.frame for shot in shots], np.int64), x_m[0], y_m[:, 0], *fields)
+            stress[:] = scale * _traction(invert, drive.along(u, v) - motion.lens_m, sd, drive)
+    return Instants(np.array([shot.frame for shot in shots], np.int64), x_m, y_m, *fields)
 
 
 def _correlated(

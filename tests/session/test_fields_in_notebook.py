@@ -13,11 +13,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from session_material import CONTACT, Session as Written, make_snapshot
 
 from analysis import cattaneo_mindlin, hertz
+from analysis.undistorted import ideal_displacement, ideal_places
 from app.evaluation.setup import header_of
 from app.records.record_types import DisplacementField, FrameMotion
 from app.session.reader import SessionReader
 from app.session.recorder import SessionRecorder
 from app.settings import config
+from app.settings.config import settings_of
+from app.study import instants
 from drivers.protocols import Frame
 from slipscope import Results, Session, UserError
 
@@ -98,18 +101,28 @@ def test_a_missing_file_is_one_for_python_too() -> None:
 @pytest.fixture(scope="module")
 def sliding(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A session of one frame of a contact that slides, by Hertz's pressure; its lens has moved."""
-    path = tmp_path_factory.mktemp("sliding") / "sliding.h5"
+    return sliding_session(tmp_path_factory.mktemp("sliding") / "sliding.h5")
+
+
+def sliding_session(path: Path, percent: float = 0.0) -> Path:
+    """The same through a lens that distorts by so much, as the settings say."""
     settings = [f"sample.young_modulus={E * 1e-6}", f"sample.lens_radius={R * 1e3}"]
-    held = config.load(None, [*SMALL, *settings, "sample.roughness=0"])
+    more = [*settings, "sample.roughness=0", f"camera.distortion={percent}"]
+    held = config.load(None, [*SMALL, *more])
     header = header_of(held, {"slipscope": "0.1.0"})
+    grid = np.meshgrid(header.grid_x_px, header.grid_y_px)
+    shown = held.camera.distortion, held.camera.shape
     x, y = (
         20e-6 * (places - middle)
-        for places, middle in zip((header.grid_x_px, header.grid_y_px), CENTRE_PX, strict=True)
+        for places, middle in zip(ideal_places(*grid, *shown), CENTRE_PX, strict=True)
     )
     a = hertz.contact_radius(P, E, NU, R)
-    _, gx, gy = cattaneo_mindlin.field(x, y, Q=MU * P, mu=MU, P=P, a=a, E=E, nu=NU)
+    gx, gy = cattaneo_mindlin.displacement(x, y, MU * P, MU, P, a, E, NU)
     noise = 10e-9 * np.random.default_rng(2).standard_normal((2, *gx.shape))
-    ux, uy = (D_M + LENS_M - gx + noise[0]) / 20e-6, (noise[1] - gy) / 20e-6
+    true = np.stack([D_M + LENS_M - gx + noise[0], noise[1] - gy]) / 20e-6
+    ux, uy = true
+    for _ in range(8):  # what the lens shows of it
+        ux, uy = np.stack([ux, uy]) + true - ideal_displacement(*grid, ux, uy, *shown)
     sd, ok = np.full(gx.shape, 10e-9 / 20e-6), np.zeros(gx.shape, np.uint8)
     parts = (part.astype(np.float32) for part in (ux, uy, sd, sd, np.ones(gx.shape)))
     snapshot = replace(
@@ -140,6 +153,28 @@ def test_the_traction_is_that_of_the_closed_form(sliding: Path, method: str, wit
             assert np.nanmax(found.sigma) == pytest.approx(MU * 1.5 * P / (np.pi * a**2), rel=0.1)
         with pytest.raises(UserError, match="young is not known; give"):
             s.traction(0, young=3.0)
+
+
+def test_a_lens_that_distorts_changes_neither_the_traction_nor_the_figures_of_a_session(
+    sliding: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = sliding, sliding_session(tmp_path / "distorted.h5", 2.0)
+    found, figures = [], []
+    for path in paths:
+        with Session(path) as s, SessionReader(path) as reader:
+            found.append(s.traction(0))
+            shots = [reader.snapshot(0)]
+            monkeypatch.setattr(instants, "_correlated", lambda *_, shots=shots: (CENTRE_PX, shots))
+            used = settings_of(reader)
+            figures.append(instants.instants_of(used, reader, None, (), shots, np.nan))
+    straight, undone = found
+    assert pytest.approx(straight.Q, rel=0.005) == undone.Q
+    assert pytest.approx(straight.D, rel=0.005) == undone.D
+    straight_figure, undone_figure = figures
+    force = np.nansum(undone_figure.stress_pa) / np.nansum(straight_figure.stress_pa)
+    assert force == pytest.approx(1, abs=0.005)
+    for name in ("ux_m", "uy_m"):  # at places that differ by some of the distortion
+        assert_allclose(getattr(undone_figure, name), getattr(straight_figure, name), atol=1e-7)
 
 
 def test_the_strain_is_that_of_the_closed_form(sliding: Path) -> None:
