@@ -348,8 +348,8 @@ def _pictures_behind_forces(drive: Sequence[Snapshot]) -> tuple[Measure, Measure
         return UNKNOWN, UNKNOWN
     rate, most = np.gradient(seen, t), float(np.abs(Q).max())
     columns = np.column_stack([np.ones(len(Q)), -rate, seen, most * D / np.abs(D).max()])
-    _, delay, _, change = _fitted(columns, Q)
-    return delay, change
+    _, (late, sd), (factor, _), change = _fitted(columns, Q)
+    return (late / factor, sd / factor) if factor > 0 else UNKNOWN, change
 
 
 def _drift_of_shear(drive: Sequence[Snapshot]) -> float:

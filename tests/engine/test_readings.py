@@ -204,6 +204,23 @@ def test_a_delay_is_told_from_a_lens_that_distorts(delay: float, lens: float) ->
     assert readings(known, frames, frames, frames).delay == 0.0
 
 
+@pytest.mark.parametrize("factor", [0.7, 1.4])
+def test_a_delay_does_not_depend_on_the_modulus_of_the_settings(factor: float) -> None:
+    frames = []
+    for s in sheared(0.04, 0.0):
+        assert s.traction is not None
+        seen = replace(s.traction, stress_force_n=factor * s.traction.stress_force_n)
+        frames.append(replace(s, traction=seen))
+    delay, sd = _pictures_behind_forces(frames)[0]
+    assert delay == pytest.approx(0.04, abs=3e-3)
+    assert sd == pytest.approx(_pictures_behind_forces(sheared(0.04, 0.0))[0][1], rel=0.01)
+    against = [
+        replace(s, conditions=replace(s.conditions, shear_force_n=-s.conditions.shear_force_n))
+        for s in frames
+    ]
+    assert math.isnan(_pictures_behind_forces(against)[0][0])  # the traction does not follow Q
+
+
 @pytest.mark.parametrize("turns_back", [False, True])
 def test_a_modulus_that_depends_on_time_is_told(turns_back: bool) -> None:
     frames = sheared(0.0, 0.0, creep=0.06)
