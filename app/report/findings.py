@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.arrays import all_floats
-from analysis.mechanics.interface import elastic_length
+from analysis.friction.joint import stiffness_length
 from app.records.quantities import (
     Measurement,
     further_quantities,
@@ -116,20 +115,20 @@ def _stiffness(k: float, sd: float) -> Measurement:
 
 
 def stiffness_at(run: FigureRun, pressure: float) -> tuple[float, float]:
-    """Stiffness k at a pressure, of a line k = p/L through all rings of a run, and its
-    uncertainty, widened where they scatter by more than theirs.
+    """Stiffness k = p/L of the interface of a run at a pressure, and its uncertainty; NaN where no
+    ring tells L.
     """
     s = run.summary
-    p, k, sd = all_floats(s.pressure_pa, s.interface_stiffness_pa_m, s.interface_stiffness_sd_pa_m)
-    if not len(p) == len(k) == len(sd):
+    rings = (s.pressure_pa, s.pressure_sd_pa, s.interface_stiffness_pa_m,
+             s.interface_stiffness_sd_pa_m)  # fmt: skip
+    if len({len(values) for values in rings}) > 1:
         return math.nan, math.nan
-    good = np.isfinite(p) & np.isfinite(k) & (sd > 0)
-    power = float(((p[good] / sd[good]) ** 2).sum())
-    if not power > 0:
-        return math.nan, math.nan
-    slope = float((p[good] * k[good] / sd[good] ** 2).sum()) / power
-    chi2 = float((((k - slope * p)[good] / sd[good]) ** 2).sum()) / max(int(good.sum()) - 1, 1)
-    return pressure * slope, pressure * math.sqrt(max(chi2, 1.0) / power)
+    return _at_length(pressure, *stiffness_length(*rings))
+
+
+def _at_length(pressure: float, length: float, sd: float) -> tuple[float, float]:
+    """The stiffness p/L and its uncertainty."""
+    return pressure / length, pressure * sd / length**2
 
 
 def _of_slides(s: Summary) -> Iterator[Measurement]:
@@ -152,23 +151,16 @@ def _of_work(run: FigureRun) -> Iterator[Measurement]:
 
 def _of_all(results: StudyResults, runs: Runs) -> tuple[Measurement, ...]:
     j = results.joint
-    keys = {"mu": "law_mu", "length_m": "law_length_m"}  # as of a run
-    found = [replace(one, key=keys.get(one.key, one.key)) for one in joint_quantities(j)[:-1]]
+    keys = {"mu": "law_mu", "length_m": "law_length_m", "roughness_length_m": "bureau_length_m"}
+    found = [replace(one, key=keys.get(one.key, one.key)) for one in joint_quantities(j)]
     if j.stiffness_length_m > 0:
-        k = TYPICAL_PRESSURE / j.stiffness_length_m
-        sd = k * j.stiffness_length_sd_m / j.stiffness_length_m
+        k, sd = _at_length(TYPICAL_PRESSURE, j.stiffness_length_m, j.stiffness_length_sd_m)
         found.append(replace(_stiffness(k, math.nan), combined=sd))
     if runs:
         sample, stated = runs[0].config.sample, runs[0].config.uncertainty
-        length = elastic_length(sample.roughness, sample.poisson) or math.nan
-        found += [
-            Measurement("L after Bureau et al., by the roughness", "L(h)", length, unit="um",
-                        systematic=length * stated.roughness, key="bureau_length_m"),
-            Measurement("excess of a over a_H, by the roughness", "sqrt(R h)", sample.rim,
-                        unit="um", key="sqrt_rh_m",
-                        systematic=sample.rim * math.hypot(stated.roughness / 2,
-                                                           stated.lens_radius / 2)),
-        ]  # fmt: skip
+        rim_sd = sample.rim * math.hypot(stated.roughness / 2, stated.lens_radius / 2)
+        found.append(Measurement("excess of a over a_H, by the roughness", "sqrt(R h)", sample.rim,
+                                 unit="um", systematic=rim_sd, key="sqrt_rh_m"))  # fmt: skip
         excess = np.array([r.summary.apparent_radius_m - r.hertz_radius for r in runs])
         if np.isfinite(excess).any():
             known = excess[np.isfinite(excess)]

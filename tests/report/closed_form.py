@@ -203,7 +203,10 @@ def searched(picture: np.ndarray, P: float) -> BoxSearch:
 
 def campaign(E: float = STATED_E) -> StudyResults:
     """Three loads on one block."""
-    joint = Joint(E, 0.001 * E, LENGTH, 0.005e-6, MU, 0.001, 0.0, 0.001, LENGTH, 0.02e-6)
+    joint = Joint(
+        E, 0.001 * E, LENGTH, 0.005e-6, MU, 0.001, 0.0, 0.001, LENGTH, 0.02e-6,
+        roughness_length_m=1.5 * 0.595e-6, roughness_length_sd_m=0.2e-6,
+    )  # fmt: skip
     runs = tuple(run_of(P, E) for P in reversed(LOADS))
     return StudyResults(
         runs=runs, joint=joint, made_with={"slipscope": "0.1.0", "preset": "finest"}
