@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
@@ -15,7 +16,7 @@ from matplotlib.colors import to_hex
 from app.records.study_results import RunResult, StudyResults
 from app.report.findings import findings, stiffness_at
 from app.report.paper.collection import draw
-from app.report.paper.runs import experiments
+from app.report.paper.runs import FigureRun, experiments
 from app.report.paper.style import NotDrawn
 
 SOFTER = 3.0e6  # a block that is softer than the settings say
@@ -328,6 +329,18 @@ def test_the_stiffness_is_the_pressure_over_the_length(results: StudyResults) ->
     np.testing.assert_allclose(
         table["k_GPa_per_m"][good], table["p_kPa"][good] * 1e-6 / exact.LENGTH
     )
+
+
+def test_the_noise_of_a_box_is_stated_where_boxes_as_large_and_as_small_were_measured() -> None:
+    noise = exact.run_of(0.1).noise  # at 10, 20 and 40 px
+    found = {}
+    for box in (8, 10, 20, 40, 50):
+        held: Any = SimpleNamespace(noise=noise, summary=None, contact=None)
+        run = FigureRun(held, None)
+        vars(run)["config"] = SimpleNamespace(dic=SimpleNamespace(box=box))
+        found[box] = run.noise_px
+    expected = dict(zip(found, [math.nan, 0.012, 0.006, 0.003, math.nan], strict=True))
+    assert found == pytest.approx(expected, nan_ok=True)
 
 
 def test_the_stiffness_at_a_pressure_is_that_of_the_rings_that_know_it() -> None:

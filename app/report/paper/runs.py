@@ -147,9 +147,11 @@ class FigureRun:
 
     @property
     def noise_px(self) -> float:
-        """Standard deviation of u_x for the box of the settings, pixels, or NaN."""
+        """Standard deviation of u_x for the box of the settings, pixels; NaN where no box as large,
+        or as small, was measured.
+        """
         noise, box = self.run.noise, self.config.dic.box
-        if not noise.box_px.size:
+        if not (noise.box_px.size and noise.box_px[0] <= box <= noise.box_px[-1]):
             return math.nan
         power = np.interp(math.log(box), np.log(noise.box_px), np.log(noise.sigma_px))
         return math.exp(power)
