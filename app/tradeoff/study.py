@@ -86,7 +86,8 @@ def run(
     """The figures of every variant of a study, by name.
 
     Each is written to the file `results` as soon as it is measured; what is there already is not
-    measured again. `overwrite` allows it to replace a file that holds something else.
+    measured again, and stays there. `overwrite` allows it to replace a file that holds something
+    else.
 
     Raises
     ------
@@ -94,14 +95,16 @@ def run(
         The file cannot be written, or holds something else.
     """
     found: Found = {}
+    settings: dict[str, Any] = {}
     if results is not None:
         check_output(results, overwrite=True, endings=(".json",))
         if results.exists():
             try:
-                found = read_results(study, results)
+                found, settings = read_results(study, results)
             except UserError:
                 if not overwrite:
                     raise
+    settings |= {v.name: v.settings for v in study.variants}
     left = sum(v.effort for v in study.variants if v.name not in found)
     began, done = time.perf_counter(), 0.0
     for n, variant in enumerate(study.variants, 1):
@@ -114,21 +117,24 @@ def run(
         found[variant.name] = study.measure(variant)
         done += variant.effort
         if results is not None:
-            write(study, found, results)
+            write(study, found, settings, results)
     if results is not None and not done:
-        write(study, found, results)
+        write(study, found, settings, results)
     on_progress("done", 1.0)
     return {v.name: found[v.name] for v in study.variants}
 
 
-def write(study: Study, found: Mapping[str, Figures], path: Path) -> None:
-    """Keep what was measured so far; figures that could not be determined are null."""
+def write(
+    study: Study, found: Mapping[str, Figures], settings: Mapping[str, Any], path: Path
+) -> None:
+    """Keep what was found so far, with the settings of each variant by its name; figures that could
+    not be determined are null.
+    """
     best = front(found, (study.cost, *study.errors))
     rows = [
-        {"name": v.name, "settings": v.settings, "is_on_the_front": v.name in best}
-        | {key: x if math.isfinite(x) else None for key, x in found[v.name].items()}
-        for v in study.variants
-        if v.name in found
+        {"name": name, "settings": settings[name], "is_on_the_front": name in best}
+        | {key: x if math.isfinite(x) else None for key, x in figures.items()}
+        for name, figures in found.items()
     ]
     about = {"about": study.identity(), "columns": study.columns, "variants": rows}
     text = json.dumps(about, indent=1, ensure_ascii=False, allow_nan=False)
@@ -136,8 +142,9 @@ def write(study: Study, found: Mapping[str, Figures], path: Path) -> None:
         unfinished.write_text(text + "\n", encoding="utf-8")
 
 
-def read_results(study: Study, path: Path) -> Found:
-    """The figures in a file of results of the same study.
+def read_results(study: Study, path: Path) -> tuple[Found, dict[str, Any]]:
+    """The figures in a file of results of the same study, and the settings, each by the name of its
+    variant.
 
     Raises
     ------
@@ -155,6 +162,7 @@ def read_results(study: Study, path: Path) -> Found:
             }
             for row in held["variants"]
         }
+        settings = {str(row["name"]): row["settings"] for row in held["variants"]}
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         raise UserError(
             f"{path}: not the results of `slipscope tradeoff`; choose another name or give"
@@ -168,7 +176,7 @@ def read_results(study: Study, path: Path) -> Found:
                 f" now {_brief(mine.get(key))}), so that its figures cannot be continued; choose"
                 " another name or give --overwrite"
             )
-    return found
+    return found, settings
 
 
 def front(found: Mapping[str, Figures], axes: tuple[str, ...]) -> list[str]:

@@ -56,6 +56,18 @@ def test_an_interrupted_study_goes_on_where_it_was_left(tmp_path: Path) -> None:
     assert held["variants"][1]["error"] is None
 
 
+def test_another_choice_of_variants_keeps_those_that_were_measured_before(tmp_path: Path) -> None:
+    file, counter = tmp_path / "trade.json", Counter()
+    whole = made(counter)
+    for first, last in ((0, 3), (3, 4), (0, 1)):
+        chosen = replace(whole, variants=whole.variants[first:last])
+        assert list(study.run(chosen, file, False)) == [*"abcd"][first:last]
+    assert counter.measured == [*"abcd"]
+    rows = json.loads(file.read_text())["variants"]
+    assert [row["name"] for row in rows] == [*"abcd"]
+    assert all(row["settings"] == {"box": 20} for row in rows)
+
+
 def test_results_of_another_texture_or_computer_are_refused(tmp_path: Path) -> None:
     file, counter = tmp_path / "trade.json", Counter()
     study.run(made(counter, texture="coarse"), file, overwrite=False)
