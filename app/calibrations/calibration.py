@@ -112,6 +112,8 @@ class Calibration(ABC, Generic[O]):
         For how long a certificate holds.
     Options : type of Section
         Its own options.
+    of_files : tuple of str
+        Those of the options that `gather` uses: the data of a certificate cannot follow them.
     """
 
     name: ClassVar[str]
@@ -119,6 +121,7 @@ class Calibration(ABC, Generic[O]):
     files: ClassVar[str] = "SESSION.h5..."
     valid_days: ClassVar[int] = 180
     Options: ClassVar[type[Section]] = Section
+    of_files: ClassVar[tuple[str, ...]] = ()
 
     @property
     def takes_several(self) -> bool:

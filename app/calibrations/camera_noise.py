@@ -45,6 +45,7 @@ class CameraCalibration(Calibration[CameraOptions]):
     )
     files = "SESSION.h5...|PICTURES..."
     Options = CameraOptions
+    of_files = ("top",)
 
     def plan(self, config: Config, options: CameraOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`: one run for each exposure."""

@@ -91,7 +91,15 @@ def evaluated(
         raise UserError(f"calibrate {calibration.name}: {len(sources)} files found; give one {one}")
     about = _about(calibration, sources)
     if is_again:
-        options = _as_before(options, given, read_certificate(sources[0]))
+        before = read_certificate(sources[0])
+        own = _as_before(type(options)(), (), before)
+        options = _as_before(options, given, before)
+        for name in calibration.of_files:
+            if getattr(options, name) != getattr(own, name):
+                raise UserError(
+                    f"{sources[0]}: its data were taken with another {name.replace('_', ' ')}; give"
+                    " the files that they are of, or leave this option out"
+                )
     try:
         data = data_in(sources[0]) if is_again else calibration.gather(sources, options)
         result = calibration.fit(data, options)

@@ -56,6 +56,7 @@ class LensHolder(Calibration[LensHolderOptions]):
     )
     files = "SESSION.h5|GAUGE.csv"
     Options = LensHolderOptions
+    of_files = "region", "channel"
 
     def plan(self, config: Config, options: LensHolderOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""

@@ -51,6 +51,7 @@ class PatternCalibration(Calibration[PatternOptions]):
     files = "SESSION.h5|PICTURES..."
     valid_days = 30
     Options = PatternOptions
+    of_files = "pictures", "top"
 
     def plan(self, config: Config, options: PatternOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""

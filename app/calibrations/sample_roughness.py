@@ -49,6 +49,7 @@ class RoughnessCalibration(Calibration[MapOptions]):
     files = "MAP.sur|MAP.csv|MAP.npy|MAP.tif..."
     valid_days = 3650
     Options = MapOptions
+    of_files = "pitch", "scale"
 
     def gather(self, sources: Sequence[Path], options: MapOptions) -> Data:
         """The heights of each map, in micrometres."""

@@ -42,6 +42,7 @@ class Synchronisation(Calibration[SynchronisationOptions]):
     )
     files = "SESSION.h5|STAMPS.csv..."
     Options = SynchronisationOptions
+    of_files = "common_signal", "camera_clock"
 
     def plan(self, config: Config, options: SynchronisationOptions) -> tuple[Config, ...]:
         """See `Calibration.plan`."""

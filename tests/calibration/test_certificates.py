@@ -15,9 +15,10 @@ from calibration.stage_speed import Speed
 from cli.conftest import call
 from whole_runs import done
 
-from analysis.options import Section
+from analysis.options import Section, as_written
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import evaluated
+from app.calibrations.kinds import KINDS
 from app.experiment.decisions import Experiment, ExperimentFailed, MeasuredBlock
 from app.runs.live import make_run, scenario
 from app.settings import certificates
@@ -108,6 +109,33 @@ def test_a_certificate_of_another_calibration_is_not_evaluated(speed):
 
     with pytest.raises(UserError, match="is a certificate of the calibration 'speed'; give one of"):
         evaluated(Other(), [speed / "speed.zip"], Section())
+
+
+@pytest.mark.parametrize(
+    ("what", "changed"),
+    [
+        ("roughness", {"pitch": 2e-6}),
+        ("roughness", {"scale": 2e-6}),
+        ("camera", {"top": 4095.0}),
+        ("pattern", {"top": 4095.0}),
+        ("pattern", {"pictures": 30}),
+        ("compliance", {"region": ("inside 1 1 9 1 9 9",)}),
+        ("compliance", {"channel": "temperature"}),
+        ("timing", {"camera_clock": True}),
+        ("timing", {"common_signal": True}),
+    ],
+)
+def test_data_of_a_certificate_do_not_follow_options_of_their_files(tmp_path, what, changed):
+    kind, (name,) = KINDS[what], changed
+    path = written(tmp_path / "a.zip", certificate(what=what, options=as_written(kind.Options())))
+    with pytest.raises(UserError, match=rf"another {name.replace('_', ' ')}; give the files"):
+        evaluated(kind, [path], kind.Options(**changed))
+    same = written(
+        tmp_path / "b.zip", certificate(what=what, options=as_written(kind.Options(**changed)))
+    )
+    for options, given in ((kind.Options(**changed), [name]), (kind.Options(), [])):
+        with pytest.raises(UserError, match="data of the certificate cannot be read"):
+            evaluated(kind, [same], options, given)
 
 
 def test_data_that_cannot_be_trusted_give_no_certificate(tmp_path):
