@@ -147,7 +147,7 @@ class PressedShare:
     Attributes
     ----------
     value, sd : float
-        Share, and its standard uncertainty by the noise.
+        Share, and its standard uncertainty by the noise; a steady drift of the zero is taken off.
     bend, bend_sd : float
         What Q departs by from a straight line in P, as a share of the load.
     load : float
@@ -217,11 +217,12 @@ def pressed_share(readings: ArrayLike, rate_hz: float) -> PressedShare:
             f" {FEWEST_RISING * BLOCK_S:g} s or more are needed; press more slowly"
         )
     u = 2 * share_of_load - 1
-    columns = np.column_stack([np.ones_like(u), u, 1 - u**2])
+    drifting = np.linspace(-1, 1, len(u))
+    columns = np.column_stack([np.ones_like(u), u, 1 - u**2, drifting])
     at = np.linalg.lstsq(columns, Q)[0]
     off = Q - columns @ at
     sd = np.sqrt(variances_of_sums(columns, off, np.linalg.pinv(columns)))
-    (_, half, bend), (_, half_sd, bend_sd) = (at / span).tolist(), (sd / span).tolist()
+    (_, half, bend, _), (_, half_sd, bend_sd, _) = (at / span).tolist(), (sd / span).tolist()
     if abs(bend) > max(CERTAIN * bend_sd, MOST_BENT):
         raise ValueError(
             f"pressing: Q departs by {100 * bend:.2g} +- {100 * bend_sd:.1g} % of P from a straight"

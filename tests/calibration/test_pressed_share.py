@@ -18,6 +18,17 @@ def test_the_share_is_within_its_uncertainty():
         holds(pulls(one))
 
 
+def test_a_zero_that_drifts_is_no_cross_talk():
+    rng, off = np.random.default_rng(3), []
+    for _ in range(20):
+        record = pressing(rng, 0.01)
+        record[:, 1] += np.linspace(0, 2e-3, len(record))
+        found = pressed_share(record, RATE)
+        off.append((found.value - 0.01) / found.sd)
+    assert abs(np.mean(off)) < 1
+    assert np.std(off) < 1.5
+
+
 def test_a_shear_that_is_not_in_proportion_to_the_load_is_refused():
     with pytest.raises(ValueError, match="sheared while it was pressed"):
         pressed_share(pressing(np.random.default_rng(1), 0.008, shear=lambda P: 0.05 * P**2), RATE)
