@@ -120,6 +120,7 @@ class Notice(Panel):
             self.setFixedHeight(room)
 
     def _answer(self, which: int) -> None:
+        self.take_back_question()
         self._acts[which]()
 
     def _show(self, said: Said, question: str = "") -> None:

@@ -183,6 +183,18 @@ def test_only_what_was_said_is_taken_back(qtbot: QtBot) -> None:
     assert not notice.text.text()
 
 
+def test_a_question_that_is_answered_is_asked_no_more(qtbot: QtBot) -> None:
+    notice, answers = Notice(), []
+    qtbot.addWidget(notice)
+    notice.ask("Is the way free?", "It is free, search", lambda: answers.append("free"), "No")
+    notice.yes.click()
+    assert answers == ["free"]
+    assert not notice.is_question
+    assert notice.yes.isHidden()
+    notice.say("the stage is at rest")
+    assert notice.text.text() == "the stage is at rest"
+
+
 def test_an_offer_that_comes_late_waits_for_the_question_that_stands(
     qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
