@@ -20,7 +20,7 @@ from app.gui.frame_results import KINDS, Circles, FieldImage, FrameResults, Show
 from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
 from app.gui.plots.picture import PicturePlot
-from app.gui.scales import Range, colour_range
+from app.gui.scales import Range, colour_range, with_other_sign
 from app.gui.source import Setup, cell_at, centres_px
 from app.gui.view_state import ViewState
 from app.gui.widgets import STRETCH, Panel, column, keep_room, label, row, widget
@@ -168,9 +168,11 @@ class InterfaceView(Panel):
     def _ends_of(self, extent: Callable[[], Range], *, is_diverging: bool) -> Range:
         """The ends of the colours, which hold an extent unless they are locked."""
         held = self._held.get(self._range_key)
-        if held is None or not self.locked.isChecked():
-            held = colour_range(*extent(), held, is_diverging=is_diverging)
-            self._held[self._range_key] = held
+        if held is not None and self.locked.isChecked():
+            return with_other_sign(held, *extent())
+        held = self._held[self._range_key] = colour_range(
+            *extent(), held, is_diverging=is_diverging
+        )
         return held
 
     def _cut_chart(self) -> Chart:
@@ -226,7 +228,7 @@ class InterfaceView(Panel):
     # ------------------------------------------------------------------ what the operator chooses
 
     def _choose(self) -> None:
-        self.key = str(self.which.currentData())
+        self.key, self.field = str(self.which.currentData()), None
         kind = KINDS.get(self.key)
         self.median.setEnabled(kind is not None and kind.sign != "one")
         self.opacity.setEnabled(kind is not None)

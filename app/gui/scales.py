@@ -85,3 +85,12 @@ def colour_range(low: float, high: float, held: Range | None, *, is_diverging: b
     if low * high <= 0 or min(abs(low), abs(high)) < 0.5 * max(abs(low), abs(high)):
         low, high = (0.0, high) if high > -low else (low, 0.0)
     return round_range(low, high, held)
+
+
+def with_other_sign(held: Range, low: float, high: float) -> Range:
+    """Ends of a colour scale that are kept; as far to both sides of zero where values `low` to
+    `high` on its other side would have the colour of zero.
+    """
+    reach = max(map(abs, held))
+    of_both = max(-reach, min(held[0], low)), min(reach, max(held[1], high))  # nor are they NaN
+    return held if is_one_signed(*of_both) else (-reach, reach)

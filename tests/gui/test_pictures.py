@@ -7,9 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from picture_hands import (  # noqa: F401 (fixtures)
+    choose,
+    look,
+    picture_of_run,
+    run_of_script,
+    script_of_frames,
+    shown,
+)
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
 
@@ -18,42 +25,10 @@ from app.gui.frame_results import shown_image
 from app.gui.image_view import LIVE, PICTURES, POINT_HINT, InterfaceView
 from app.gui.plots.picture import colour_table
 from app.gui.source import setup_of
-from app.gui.view_state import ViewState, read, resolve
+from app.gui.view_state import ViewState
 from app.records.bench_view import PictureView
 
 MM = 7.04e-3
-
-
-@pytest.fixture(scope="module")
-def script() -> ScriptedRun:
-    run = ScriptedRun(320, 240, frames=330)
-    run.config = replace(run.config, camera=replace(run.config.camera, width=320, height=240))
-    return run
-
-
-@pytest.fixture
-def run(script: ScriptedRun) -> ScriptedRun:
-    script.started, script.stopped = True, False
-    return script.at(0)
-
-
-def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
-    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
-
-
-def shown(qtbot: QtBot, widget: QWidget, width: int, height: int) -> None:
-    widget.resize(width, height)
-    qtbot.addWidget(widget)
-    with qtbot.waitExposed(widget):
-        widget.show()
-
-
-@pytest.fixture
-def picture(qtbot: QtBot, run: ScriptedRun) -> InterfaceView:
-    view = InterfaceView()
-    shown(qtbot, view, 800, 760)
-    view.show_setup(setup_of(run))
-    return view
 
 
 def pixel(view: InterfaceView, x_px: float, y_px: float) -> QColor:
@@ -64,10 +39,6 @@ def pixel(view: InterfaceView, x_px: float, y_px: float) -> QColor:
 
 def rgb(colour: QColor) -> tuple[int, int, int]:
     return colour.red(), colour.green(), colour.blue()
-
-
-def choose(view: InterfaceView, key: str) -> None:
-    view.which.setCurrentIndex(view.which.findData(key))
 
 
 def test_each_picture_says_what_it_is_before_the_first_run(qtbot: QtBot) -> None:
@@ -153,32 +124,6 @@ def test_the_difference_is_to_the_image_of_the_reference(
     assert rgb(pixel(picture, 43, 44)) == tuple(colour_table(is_diverging=True)[255, :3])
 
 
-def test_a_locked_range_stays(qtbot: QtBot, picture: InterfaceView, run: ScriptedRun) -> None:
-    view = look(run.at(100))
-    picture.show_view(view)
-    ends = picture.canvas.colour_scale[1]
-    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
-    view = look(run.at(330), view)
-    picture.show_view(view)
-    assert picture.canvas.colour_scale[1] == ends
-    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
-    assert picture.canvas.colour_scale[1][1] > ends[1]
-
-
-def test_a_locked_range_holds_in_the_next_run(
-    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
-) -> None:
-    picture.show_view(look(run.at(330)))
-    ends = picture.canvas.colour_scale[1]
-    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
-    early = look(run.at(REFERENCE + 2))
-    for is_locked in (True, False):
-        picture.locked.setChecked(is_locked)
-        picture.show_setup(setup_of(run))
-        picture.show_view(early)  # of nearly no displacement
-        assert (picture.canvas.colour_scale[1] == ends) is is_locked
-
-
 def test_the_name_of_the_colours_stands_beside_them_in_each_run(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
@@ -225,41 +170,6 @@ def test_no_recorded_frame_takes_the_place_of_a_connected_bench(
     picture.show_live(live, run.config, "not live: 3 s old", False)
     picture.show_view(view)
     assert (picture.field, picture.canvas._grid) == (field, rect)
-
-
-def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
-    qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
-) -> None:
-    view = look(run.at(100))
-    low, high = picture.ends
-    assert not low.isVisible()  # there are no colours yet
-    picture.show_view(view)
-    ends = picture.canvas.colour_scale[1]
-    high.setFocus()
-    low.setFocus()
-    assert not picture.locked.isChecked()
-    assert picture.canvas.colour_scale[1] == ends
-    for field, text in ((low, "1,5"), (high, "7")):
-        field.selectAll()
-        qtbot.keyClicks(field, text)
-        qtbot.keyClick(field, Qt.Key.Key_Return)
-    assert picture.canvas.colour_scale[1] == (1.5, 7.0)
-    assert picture.locked.isChecked()
-    picture.show_view(look(run.at(330), view))
-    assert picture.canvas.colour_scale[1] == (1.5, 7.0)
-    low.setFocus()
-    qtbot.keyClick(low, Qt.Key.Key_Tab)
-    assert high.hasFocus()
-    for text in ("x", "9", "inf"):  # no number, not below the upper end, no end
-        low.selectAll()
-        qtbot.keyClicks(low, text)
-        qtbot.keyClick(low, Qt.Key.Key_Return)
-        assert picture.canvas.colour_scale[1] == (1.5, 7.0)
-    qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
-    high.setFocus()
-    assert not picture.locked.isChecked()
-    picture.show_setup(setup_of(run))
-    assert not high.isVisible()  # nor are there for the next run
 
 
 def test_grey_levels_are_those_of_the_camera_unless_stretched(

@@ -169,12 +169,13 @@ class PicturePlot(Plot):
         """Show a field in the colours of a range; None: no field."""
         self.field = field
         if field is not None:
-            table = colour_table(is_diverging=field.is_diverging)
+            is_diverging = field.is_diverging and ends[0] == -ends[1]
+            table = colour_table(is_diverging=is_diverging)
             of, indices = self._indices
             if of != (field, ends):
                 indices = colour_indices(field.values, ends)
             self._above.show_pixels(indices, self._placed(self._grid), table)
-            self._name_colours((field.is_diverging, ends, field.label))
+            self._name_colours((is_diverging, ends, field.label))
             return
         self._above.hide()
         if self.colour_scale is None or self.colour_scale[2] != DIFFERENCE:
