@@ -34,13 +34,19 @@ class ShownImage:
     Attributes
     ----------
     pixels : ndarray
-        Grey levels, of which 255 says that one of the pixels in its place is saturated.
+        Grey levels of the screen; 255 says that one of the pixels in its place is saturated.
     """
 
     pixels: U8
     rect_px: Rect
     caption: str
     full: Image
+
+    @property
+    def levels(self) -> Image:
+        """The camera's grey levels of the pixels that are displayed."""
+        every = round(self.rect_px[2] / self.pixels.shape[1])
+        return self.full[::every, ::every]
 
     @cached_property
     def stretched(self) -> tuple[int, int]:

@@ -137,11 +137,11 @@ class InterfaceView(Panel):
         if self._image is None:
             return
         if self.key == DIFFERENCE and self._reference is not None:
-            self._grey = pixels = self._image.pixels.astype(np.int16) - self._reference.pixels
+            self._grey = pixels = self._image.levels.astype(np.int32) - self._reference.levels
             ends = self._ends_of(lambda: reach_of(pixels), is_diverging=True)
             self.canvas.show_difference(pixels, self._image.rect_px, ends)
         else:
-            self._grey = self._image.pixels
+            self._grey = self._image.levels
             levels = self._image.stretched if self.stretch.isChecked() else (0, 255)
             self.canvas.show_image(self._image, levels)
 
@@ -374,7 +374,7 @@ class InterfaceView(Panel):
         self.cut.pointed.connect(lambda x, _y: self.canvas.show_place(x))
 
 
-def reach_of(difference: NDArray[np.int16]) -> Range:
+def reach_of(difference: NDArray[np.int32]) -> Range:
     """What nearly all of a difference of images lies in, grey levels; wider than noise."""
     reach = float(np.percentile(np.abs(difference[::4, ::4]), 99))
     return -reach, max(reach, 2.0)

@@ -184,6 +184,25 @@ def test_grey_levels_are_those_of_the_camera_unless_stretched(
     assert rgb(pixel(picture, 43, 44)) == (wanted,) * 3
 
 
+def test_the_grey_levels_of_cut_and_difference_are_those_of_the_camera(
+    picture: InterfaceView, run: ScriptedRun
+) -> None:
+    reference = shown_image(run.pressed.astype(np.uint16) * 16, 4095)
+    full = np.repeat(np.repeat(run.pressed.astype(np.uint16) * 16 + 160, 4, 0), 4, 1)
+    thin = shown_image(full, 4095)  # every second pixel of 1280
+    np.testing.assert_array_equal(thin.levels, full[::2, ::2])
+    image = shown_image(full[::4, ::4], 4095)
+    picture.show_view(replace(look(run.at(60)), image=image, reference=reference))
+    picture.show_cut.setChecked(True)
+    row = round(picture.canvas.cut_px)
+    for key, levels in (("raw", image.full[row]), ("difference", 160)):
+        choose(picture, key)
+        (line,) = picture.cut.chart.lines
+        np.testing.assert_array_equal(line.y, levels)
+        assert line.columns == ("x_mm", key)
+    assert picture.canvas.colour_scale[1][1] >= 160
+
+
 def test_saturated_pixels_are_red(picture: InterfaceView, run: ScriptedRun) -> None:
     image = run.free.copy()
     image[44, 43] = 255

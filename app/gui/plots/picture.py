@@ -159,7 +159,7 @@ class PicturePlot(Plot):
         self._below.setOpacity(opacity)
         self._below.show_pixels(rgb, self._placed(rect), None)
 
-    def show_difference(self, pixels: NDArray[np.int16], rect: Rect, ends: Range) -> None:
+    def show_difference(self, pixels: NDArray[np.int32], rect: Rect, ends: Range) -> None:
         """Show the difference of two images, in grey levels."""
         indices, table = colour_indices(pixels, ends), colour_table(is_diverging=True)
         self._below.show_pixels(indices, self._placed(rect), table)
