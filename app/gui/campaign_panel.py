@@ -341,7 +341,7 @@ class CampaignPanel(Panel):
                 self.make,
                 start=Path(PLACE),
                 mode=QFileDialog.FileMode.AnyFile,
-                ending="toml",
+                endings=("toml",),
             )
         )
         self.friction.setFixedHeight(CHART_PX)

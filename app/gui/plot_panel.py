@@ -47,6 +47,7 @@ KINDS = {
     "csv": "numbers (*.csv)",
 }
 Content = Callable[[], bytes]  # makes what a file holds, in any thread
+LONGEST_ORIGIN = 60  # letters of it in the name of a file: a name has at most 255 bytes
 MM_PER_INCH = 25.4
 PNG_DPI = 300
 SIZES_MM = {
@@ -116,7 +117,8 @@ class PlotPanel(Panel):
 
     def ask_where(self, kind: str) -> None:
         """Ask for a file of a kind; the window, and STOP MOTION in it, stay within reach."""
-        name = re.sub(r"\W+", "-", f"{self.origin} {self.plot.title}").strip("-") or "plot"
+        origin = self.origin[:LONGEST_ORIGIN]
+        name = re.sub(r"\W+", "-", f"{origin} {self.plot.title}").strip("-") or "plot"
         ask_file(
             self,
             f"Save as {kind.upper()}",
@@ -124,7 +126,7 @@ class PlotPanel(Panel):
             start=Path(f"{name}.{kind}"),
             kinds=KINDS[kind],
             mode=QFileDialog.FileMode.AnyFile,
-            ending=kind,
+            endings=(kind, *KINDS),
         )
 
     def save(self, path: Path) -> None:

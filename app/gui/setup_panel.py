@@ -132,7 +132,6 @@ class SetupPanel(Panel):
 
     def save(self, path: Path) -> None:
         """Write the settings as a file, which `slipscope run` takes."""
-        path = path if path.suffix else path.with_name(f"{path.name}.toml")
 
         def saved(base: Base) -> None:
             self._compare_with(base)
@@ -413,6 +412,7 @@ class SetupPanel(Panel):
                 start=Path("slipscope.toml"),
                 kinds=TOML_FILES,
                 mode=QFileDialog.FileMode.AnyFile,
+                endings=("toml",),
             ),
         )
         self.compare_menu = menu_button(

@@ -9,7 +9,7 @@ import pytest
 from plot_hands import chart, plot_panel, settle  # noqa: F401 (a fixture)
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QGuiApplication, QImage
-from PySide6.QtWidgets import QFileDialog
+from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 
 from app.gui import theme
@@ -79,6 +79,37 @@ def test_save_from_the_menu(qtbot: QtBot, panel: PlotPanel, tmp_path: Path, kind
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
         assert len(rows) == 50
         assert float(rows[-1]["Q_N"]) == 1.0
+
+
+@pytest.mark.parametrize(
+    ("typed", "saved"), [("load 0.5", "load 0.5.csv"), ("a", "a.csv"), ("a.SVG", "a.SVG")]
+)
+def test_a_name_without_an_ending_gets_that_of_the_kind(
+    qtbot: QtBot, panel: PlotPanel, tmp_path: Path, typed: str, saved: str
+) -> None:
+    panel.ask_where("csv")
+    dialog = panel.findChild(QFileDialog)
+    dialog.setDirectory(str(tmp_path))
+    line = dialog.findChild(QLineEdit)
+    line.setText(typed)
+    qtbot.keyClick(line, Qt.Key.Key_Return)
+    qtbot.waitUntil(lambda: "Saved as" in panel.saved.text())
+    (path,) = tmp_path.iterdir()
+    assert path.name == saved
+    assert path.read_bytes().startswith(b"<?xml" if saved == "a.SVG" else b"curve,travel_um")
+
+
+def test_the_plot_of_many_sessions_is_proposed_a_name_that_a_file_can_have(
+    panel: PlotPanel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    panel.origin = ", ".join(f"2026-11-30-sample-A-{n} P = 0.3 N, standard" for n in range(9))
+    panel.ask_where("png")
+    dialog = panel.findChild(QFileDialog)
+    (name,) = dialog.selectedFiles()
+    dialog.close()
+    assert len(Path(name).name) < 100
+    assert name.endswith("-Loading-curve.png")
 
 
 def test_a_picture_of_a_chosen_size(qtbot: QtBot, panel: PlotPanel, tmp_path: Path) -> None:

@@ -4,13 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from PySide6.QtCore import QPoint, QPointF, Qt
+from PySide6.QtCore import QPoint, QPointF, Qt, QTimer
 from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
     QFileDialog,
+    QLineEdit,
     QMainWindow,
+    QMessageBox,
 )
 from pytestqt.qtbot import QtBot
 from set_up_hands import click, open_table, steps_of, visible, write
@@ -18,6 +20,7 @@ from set_up_hands import click, open_table, steps_of, visible, write
 from app.gui.bench_panel import BenchPanel
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY
 from app.gui.setup_panel import FREQUENT, SetupPanel
+from app.gui.widgets import widget
 from app.gui.window_model import WindowModel
 from app.settings.config import load
 from app.settings.sections import Config, RunSettings
@@ -222,6 +225,32 @@ def test_save_and_load_by_the_dialogs(
     qtbot.waitUntil(lambda: "The settings stay as they are" in said[-1])
     assert model.config.run.normal_force == 0.3
     assert "run.velocity must be a number" in said[-1]
+
+
+def test_a_settings_file_is_not_replaced_without_a_question(
+    qtbot: QtBot, panel: SetupPanel, tmp_path: Path
+) -> None:
+    (there := tmp_path / "bench.toml").write_text("precious")
+    click(qtbot, panel.save_button)
+    (dialog,) = panel.findChildren(QFileDialog)
+    asked: list[str] = []
+
+    def refuse() -> None:
+        if isinstance(box := QApplication.activeModalWidget(), QMessageBox):
+            asked.append(box.text())
+            box.reject()
+
+    timer = widget(QTimer, dialog, interval=5, timeout=refuse)
+    timer.start()
+    line = dialog.findChild(QLineEdit)
+    line.setText("bench")
+    qtbot.keyClick(line, Qt.Key.Key_Return)
+    assert len(asked) == 1
+    assert "bench.toml already exists" in asked[0]
+    assert dialog.isVisible()
+    dialog.close()
+    qtbot.wait(20)
+    assert there.read_text() == "precious"
 
 
 def test_what_differs_from_a_recorded_run_is_marked_and_can_be_taken(
