@@ -122,7 +122,8 @@ class DeviceList(QWidget):
             self._put(kind, source)
 
     def _put(self, kind: str, source: str, session: Path | None = None) -> None:
-        form, key = Form(self._model.config), f"{kind}.source"
+        before, key = self._model.config, f"{kind}.source"
+        form = Form(before)
 
         def put() -> Config:  # which imports the driver
             if session is not None:
@@ -131,8 +132,14 @@ class DeviceList(QWidget):
                 raise ConfigError(form.refused[key].sentence)
             return form.config
 
+        def take(config: Config) -> None:
+            if self._model.config == before:
+                self._model.set_config(config)
+            else:  # what was changed meanwhile holds
+                self._put(kind, source, session)
+
         def failed(why: str) -> None:
             self._refuse(why)
             self._show_sources()
 
-        self._background.start_anew(put, self._model.set_config, failed)
+        self._background.start_anew(put, take, failed)

@@ -149,6 +149,11 @@ class BenchLink:
         """The bench, while it is connected."""
         return self._preview
 
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a bench is to be connected, or to stay so."""
+        return self._wanted is not None
+
     def news(self) -> list[News]:
         """What there is to tell since the last call."""
         found = []

@@ -353,7 +353,8 @@ class BenchPanel(QScrollArea):
     def _show_adjusted(self, news: CameraAdjusted) -> None:
         """Say what became of another exposure or gain; connect anew where the camera needs that."""
         if not news.is_live:
-            self.connect_bench()
+            if self.link.is_wanted:
+                self.connect_bench()
         elif news.problem:
             self._say(news.problem, Tone.BAD)
         elif self._connected is not None:
