@@ -11,14 +11,14 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QApplication, QMainWindow, QMenuBar, QWidget
 
 from app.gui import theme
-from app.gui.background import Act
+from app.gui.background import Act, Take
 from app.gui.bench_panel import BenchPanel
 from app.gui.calibration_panel import CalibrationPanel
 from app.gui.campaign_panel import CampaignPanel
 from app.gui.cells import Cell, Tone, set_decimal_sign
 from app.gui.curves_view import CurvesView
 from app.gui.docks import LEFT, RIGHT, DockPlace, Docks
-from app.gui.experiment_panel import ExperimentPanel
+from app.gui.experiment_panel import ExperimentPanel, order_pause, refusal
 from app.gui.health_panel import IDLE, HealthPanel, HealthStrip
 from app.gui.help_windows import Manual, about
 from app.gui.image_view import InterfaceView
@@ -28,6 +28,7 @@ from app.gui.memory import WindowMemory
 from app.gui.notice import Notice
 from app.gui.panels import LiveStrip, RunPanel, TopBar
 from app.gui.playback_bar import PlaybackBar
+from app.gui.questions import ask_note
 from app.gui.region_panel import RegionPanel
 from app.gui.result_panel import ResultPanel
 from app.gui.sessions_panel import SessionsPanel, recent_menu
@@ -38,6 +39,7 @@ from app.gui.view_state import ViewState
 from app.gui.widgets import SteadySize, column, holding
 from app.gui.window_model import RunDisplay, WindowModel
 from app.records.record_types import Outcome
+from app.runs.run_source import Kind
 
 
 class BaseWindow(QMainWindow):
@@ -286,15 +288,32 @@ class BaseWindow(QMainWindow):
         self._keys.show()
 
     def pause(self) -> None:
-        """Let the run wait after the step under way."""
+        """Let the run wait after the step under way, withdraw that, or say why it cannot."""
         if self.experiment is not None:
             self.experiment.pause()
+        elif (view := self._view) is not None:
+            is_live = view.kind is Kind.LIVE
+            order_pause(view.steps, self._in_background, self.notice.say, is_live=is_live)
 
     def note(self) -> None:
-        """Go to the line of a note of the run."""
+        """Go to the line of a note of the run, or ask for one in a window without that line."""
         if self.experiment is not None:
             self.docks.show(self.experiment.name)
             self.experiment.go_to_note()
+        elif (view := self._view) is not None:
+            if why := refusal(view.steps, "note", is_live=view.kind is Kind.LIVE):
+                self.notice.say(why)
+            else:
+                ask_note(self, self._take_note)
+
+    def _take_note(self, text: str) -> None:
+        if text.strip():
+            self._in_background("The note could not be recorded", lambda source: source.note(text))
+            self._logs.say(f"Note: {text}", is_trouble=False)
+
+    def _in_background(self, failed: str, act: Take) -> None:
+        """Order something of the run; say `failed` and why where that fails."""
+        raise NotImplementedError
 
     def show_manual(self) -> None:
         """Show the pages of the manual."""

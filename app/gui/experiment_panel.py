@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import zip_longest
 
 from PySide6.QtCore import Qt
@@ -13,6 +14,7 @@ from PySide6.QtWidgets import (
 )
 
 from app.experiment.decisions import LONGEST_NOTE
+from app.gui.background import Take
 from app.gui.bench_draw import ForceBand
 from app.gui.cells import as_sentence, tone_of, typeset
 from app.gui.panels import RunPanel
@@ -80,6 +82,25 @@ class StepRow:
         tint(self.note, tone_of(line.standing) if is_over else None)
 
 
+def refusal(steps: RunSteps | None, what: str, *, is_live: bool) -> str:
+    """Why there can be no "pause" or "note" of a run at these steps; empty if there can."""
+    return getattr(steps, f"no_{what}") if is_live else PLAYED_ONLY
+
+
+def order_pause(
+    steps: RunSteps, order: Callable[[str, Take], object], say: Take, *, is_live: bool
+) -> None:
+    """Let a run at these steps wait after the one under way, or withdraw that; or say why it
+    cannot.
+    """
+    if why := refusal(steps, "pause", is_live=is_live):
+        say(why)
+    elif steps.is_pause_asked:
+        order("The pause could not be withdrawn", lambda source: source.cancel_pause())
+    else:
+        order("The run could not be asked to wait", lambda source: source.pause())
+
+
 class ExperimentPanel(RunPanel):
     """The protocol of the run that is shown, step by step, and the button that goes on."""
 
@@ -126,17 +147,13 @@ class ExperimentPanel(RunPanel):
 
     def pause(self) -> None:
         """Let the run wait after the step under way, or withdraw that; or say why it cannot."""
-        if why := self._refusal("pause"):
-            self.model.said.emit(why, False)
-        elif self._shown is not None and self._shown.is_pause_asked:
-            self._order("The pause could not be withdrawn", lambda source: source.cancel_pause())
-        else:
-            self._order("The run could not be asked to wait", lambda source: source.pause())
+        if self._shown is not None:
+            order_pause(self._shown, self._order, self._say, is_live=self._is_live)
 
     def go_to_note(self) -> None:
         """Put the keys into the line of a note, or say why none can be taken."""
         if why := self._refusal("note"):
-            self.model.said.emit(why, False)
+            self._say(why)
         else:
             self.note.setFocus()
 
@@ -149,7 +166,10 @@ class ExperimentPanel(RunPanel):
 
     def _refusal(self, what: str) -> str:
         """Why there can be no "pause" or "note"; empty if there can."""
-        return getattr(self._shown, f"no_{what}") if self._is_live else PLAYED_ONLY
+        return refusal(self._shown, what, is_live=self._is_live)
+
+    def _say(self, sentence: str) -> None:
+        self.model.said.emit(sentence, False)
 
     def _show_planned(self) -> None:
         """The steps of the next run, until one is shown."""

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QInputDialog, QWidget
+
 from app.gui.background import Act, Take
 from app.gui.notice import Notice
+from app.gui.widgets import widget
 
 
 def ask_to_close(notice: Notice, stop: Act, leave: tuple[str, Act], *, is_made: bool) -> None:
@@ -48,6 +52,14 @@ def offer_run(notice: Notice, runs: Sequence[tuple[str, str]], show: Take) -> No
         partial(show, name),
         no="Not now",
     )
+
+
+def ask_note(window: QWidget, take: Take) -> None:
+    """Ask for a note of the run in a window of its own, and take its text."""
+    about = {"windowTitle": "Note", "labelText": "What happens now:"}
+    dialog = widget(QInputDialog, window, textValueSelected=take, **about)
+    dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    dialog.show()
 
 
 def unexpected(what: str) -> str:

@@ -9,7 +9,7 @@ from threading import Event
 import pytest
 from operators import Keyboard, Mouse, large
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QApplication, QLineEdit
+from PySide6.QtWidgets import QApplication, QInputDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from short_run import RIGID
@@ -184,6 +184,42 @@ def test_what_is_played_neither_waits_nor_takes_notes(
     keyboard.key(Qt.Key.Key_F4)
     assert "takes no notes" in window.notice.text.text()
     assert not panel.note.hasFocus()
+
+
+class Patient(ScriptedRun):
+    """A run that notes what is ordered of it."""
+
+    def pause(self) -> None:
+        self.calls.append("pause")
+
+    def note(self, text: str) -> None:
+        self.calls.append(text)
+
+
+def test_a_window_that_only_shows_a_run_pauses_it_and_takes_notes(
+    qtbot: QtBot, open_window: Callable[..., MainWindow]
+) -> None:
+    run = make_run(Patient)
+    window = open_window(run)  # as `slipscope attach` opens it
+    assert window.experiment is None
+    begin(qtbot, window, run, 10)
+    keyboard = Keyboard(qtbot, window)
+    keyboard.key(Qt.Key.Key_F9)
+    qtbot.waitUntil(lambda: "pause" in run.calls)
+    for text in ("the door", ""):
+        keyboard.key(Qt.Key.Key_F4)
+        (dialog,) = (one for one in window.findChildren(QInputDialog) if one.isVisible())
+        assert not dialog.isModal()  # STOP MOTION stays within reach
+        dialog.setTextValue(text)
+        dialog.accept()
+        window.activateWindow()
+        qtbot.waitUntil(window.isActiveWindow)
+    run.at(run.frames)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    for key, why in ((Qt.Key.Key_F9, "No run is under way"), (Qt.Key.Key_F4, "none is under way")):
+        keyboard.key(key)
+        assert why in window.notice.text.text()
+    qtbot.waitUntil(lambda: run.calls == ["pause", "the door"])
 
 
 def test_the_end_of_a_run_does_not_wait_for_an_order_without_an_answer(
