@@ -79,12 +79,16 @@ class Reanalysis(Replay):
 
     @property
     def can_browse(self) -> bool:
-        """Whether any frame can be looked at: once the file is complete."""
-        return self._outcome is not None and self._outcome.state == "done"
+        """Whether any frame that was analysed can be looked at: once the file is complete."""
+        return self._outcome is not None and self._outcome.state == "done" and self._done > 0
+
+    def show(self, frame: int) -> None:
+        """As of any replay, but no frame after the last one that was analysed."""
+        super().show(min(frame, self._newest))
 
     def has_results(self, frame: int) -> bool:
-        """Whether there are results of a recorded frame: of every one."""
-        return True
+        """Whether there are results of a recorded frame: of every one that was analysed."""
+        return frame <= self._newest
 
     def _frames_of(self, session: SessionReader) -> list[int]:
         return frames_of(session)

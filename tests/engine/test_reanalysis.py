@@ -391,9 +391,20 @@ def test_one_that_is_stopped_holds_what_was_done_until_then(session):
         assert reader.outcome.counts == outcome.counts
         assert len(reader.triggers()) == outcome.counts.triggers == 45
         assert math.isnan(reader.outcome.summary.mu_d)
-    analysis.browser.show(44)
-    assert analysis.browsed().frame == 44
+    for wanted, shown in ((30, 30), (44, 44), (58, 44)):
+        analysis.show(wanted)
+        assert (analysis.frame, analysis.browsed().frame) == (shown, shown)
+    assert [analysis.has_results(frame) for frame in (44, 45)] == [True, False]
     analysis.browser.close()
+
+
+def test_one_that_is_stopped_before_its_first_frame_shows_none(session):
+    analysis = Reanalysis(session, session.with_name("b.h5"), pace=None)
+    analysis.playback.pause()
+    analysis.start()
+    analysis.request_stop("enough")
+    assert analysis.wait(PATIENCE_S).state == "done"
+    assert not analysis.can_browse
 
 
 def test_a_full_disk_fails_by_name_and_leaves_nothing(session, monkeypatch):
