@@ -105,6 +105,7 @@ class NiForces:
                 self._open_counter()
             with self._ni("the trigger output"):
                 self._make_trigger(TriggerTrain(0, 2)).close()  # only to check that it is free
+            self._lower()
         except BaseException:
             self._is_gone = True  # closing need not report the same problem again
             self.close()
@@ -406,6 +407,17 @@ class NiForces:
                 self._each([trigger, *self._inputs], "stop")
             finally:
                 self._each([trigger], "close")
+            if not self._is_gone:
+                self._lower()
+
+    def _lower(self) -> None:
+        """Leave a digital line low: it keeps its level, and the first trigger is an edge."""
+        s = self._settings
+        if s.trigger == "digital":
+            with self._ni(f"a low level of {s.trigger_line}"), self._task() as task:
+                task.do_channels.add_do_chan(f"{s.device}/{s.trigger_line}")
+                task.write(False, auto_start=True)
+                task.close()
 
     def _each(self, tasks: list[Any], action: str) -> None:
         """Stop or close all tasks, even if one fails; a board that is known to be gone need not

@@ -104,6 +104,7 @@ class Board:
         self._generating = threading.Lock()
         self._owners: dict[str, BoardTask] = {}  # of inputs, counters and lines
         self._tasks: list[BoardTask] = []
+        self._levels: dict[str, bool] = {}  # of lines, as their last task has left them
         self._width = 2 + len(world.scenario.forces.auxiliary_channels)
         self._ring = np.zeros((1, self._width))
         self._total = 0
@@ -195,8 +196,10 @@ class Board:
                 return TriggerTrain(int(first), int(divisor))
             is_clocked = task.clock == f"/{self.device}/ai/SampleClock"
             if task.kind == "do" and is_clocked and task.pattern is not None:
-                rises = np.flatnonzero(task.pattern & ~np.roll(task.pattern, 1))
-                if len(rises) == 1:
+                line = np.tile(task.pattern, 3)
+                before = np.insert(line[:-1], 0, self._levels.get(task.channels[0], False))
+                rises = np.flatnonzero(line & ~before)
+                if set(np.diff(rises)) == {len(task.pattern)}:
                     return TriggerTrain(int(rises[0]), len(task.pattern))
         return None
 
@@ -206,6 +209,9 @@ class Board:
         """
         with self._changed:
             was_running, task.is_running = task.is_running, False
+            n = self._total - task.began if task.clock else 1  # without a clock: a single value
+            if was_running and task.pattern is not None and n:
+                self._levels[task.channels[0]] = task.pattern[(n - 1) % len(task.pattern)]
             self._tasks = [other for other in self._tasks if other is not task]
             thread = self._thread if task.kind == "ai" else None
             self._changed.notify_all()

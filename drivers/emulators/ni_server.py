@@ -214,6 +214,8 @@ class _Calls:
 
     def WriteDigitalLines(self, r: Any) -> dict[str, Any]:
         self._task(r).pattern = np.frombuffer(r.write_array, np.uint8).astype(bool)
+        if r.auto_start:
+            self._board.start(self._task(r))
         return {"samps_per_chan_written": r.num_samps_per_chan}
 
     # ------------------------------------------------------------------ samples

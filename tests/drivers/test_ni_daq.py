@@ -76,6 +76,15 @@ def test_a_second_run_begins_at_sample_0_again(ni):
         forces.stop()
 
 
+def test_a_digital_line_that_was_left_high_loses_no_trigger_of_the_next_run(ni):
+    forces = ni.connect(ni.serve().address, trigger="digital", exposure_counter="ctr1")
+    forces.open()
+    for _ in range(2):
+        forces.start(TRAIN)
+        assert pieces(forces, 250)[-1].exposures[-1] == 3
+        forces.stop()
+
+
 def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni, monkeypatch):
     wirings, create = [], _Calls.CreateAIVoltageChan
 
