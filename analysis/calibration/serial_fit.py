@@ -20,6 +20,8 @@ LEAST_READINGS = 40  # for those frequencies
 SLOW_COSINES = 128  # that tell 1/f noise from other errors
 LEAST_SLOW = 0.1  # share of a column in these, from which it takes of them
 KEPT = 0.3, 0.6, 0.8, 0.9, 0.95, 0.98  # of an error in the next reading
+LASTING = 0.95  # of these, errors that may last like 1/f noise and a walk (which keep all)
+SURELY_LASTING = 0.8  # probability of errors that last, from which all of these count
 SLOW_POWERS = np.geomspace(0.03, 1e4, 12)  # of slow errors, over that of white ones
 # probabilities before anything is read: of 1/f noise, of a walk, of each correlation, of no slow
 # errors
@@ -125,14 +127,15 @@ def variances_of_sums(design: F64, left: F64, weights: F64) -> F64:
 
     That of errors whose correlation falls by a factor from one to the next or, where the lowest
     frequencies of the residual have more power than such errors, that of this power; and no less
-    than by 1/f noise or a random walk, times the probability that there is one.
+    than by 1/f noise or a random walk, times the probability that there is one; nor than by errors
+    of a correlation of 0.95 or more, where it is likely that something lasts.
     """
     short = [_variance_of_sum(one, left, design.shape[1]) for one in weights]
     return np.maximum(short, _by_lasting_errors(design, left, weights))
 
 
 def _by_lasting_errors(design: F64, left: F64, weights: F64) -> F64:
-    """The part of these variances by 1/f noise or a random walk beside white errors: each spectrum
+    """The part of these variances by errors that last beside white errors: each spectrum
     counts by its restricted likelihood in the slowest cosines of the record, of which such errors
     make independent amplitudes. What is faster has the power that the residual has there.
 
@@ -168,7 +171,9 @@ def _by_lasting_errors(design: F64, left: F64, weights: F64) -> F64:
     likelihood += np.linalg.slogdet(information)[1]
     chance = np.exp((likelihood.min() - likelihood) / 2) * np.tile(PRIOR, len(SLOW_POWERS))
     chance /= chance.sum()
-    chance[np.tile(np.arange(len(shapes)) > 1, len(SLOW_POWERS))] = 0.0
+    kept = np.tile([1.0, 1.0, *KEPT, 0.0], len(SLOW_POWERS))
+    lasts = LASTING if chance[kept >= LASTING].sum() > SURELY_LASTING else 1.0
+    chance[kept < lasts] = 0.0
     spectrum = uniform_filter1d(errors**2, m) * chance.sum()
     spectrum[:m] = (chance * power / free) @ spectra
     return np.asarray(np.square(sums) @ spectrum)

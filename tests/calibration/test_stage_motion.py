@@ -154,3 +154,12 @@ def test_an_encoder_whose_zero_walks_tells_the_velocity_worse():
         found = steady_velocity(time, at, ASKED)
         off.append((found.value_m_s - 4.9e-6) / found.sd_m_s)
     assert np.std(off) < 3.5
+
+
+def test_errors_that_keep_most_of_the_one_before_tell_the_velocity_worse():
+    off, time = [], np.arange(0, 40, 0.1)
+    for seed in range(60):
+        errors = 20e-9 * serial(np.random.default_rng(seed), 400, 0.98)
+        found = steady_velocity(time, 4.9e-6 * time + errors, ASKED)
+        off.append((found.value_m_s - 4.9e-6) / found.sd_m_s)
+    assert np.std(off) < 1.3
