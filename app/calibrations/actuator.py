@@ -92,7 +92,7 @@ class ActuatorCalibration(Calibration[ActuatorOptions]):
         for key, name, symbol, unit, value, sd in (
             ("velocity_m_s", "velocity by pictures", "v", "um/s", seen.value_m_s, seen.sd_m_s),
             ("stage_m_s", "velocity by the stage", "v_s", "um/s", own.value_m_s, own.sd_m_s),
-            ("velocity_ratio", "velocity over asked", "v/v_0", "", own.ratio, own.ratio_sd),
+            ("velocity_ratio", "velocity over asked", "v/v_0", "", seen.ratio, seen.ratio_sd),
             ("backlash_m", "backlash", "", "um", lost.lost_m, lost.sd_m),
             ("angle_degrees", "direction in the picture, degrees", "", "", *angle),
             ("bow_m", "bow of the travel", "", "um", straight.bow_m, straight.bow_sd_m),

@@ -10,6 +10,7 @@ from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNois
 from app.runs.live import make_run, scenario
 from app.settings.config import load
 
+TIME = np.arange(0, 20, 0.1)
 SMALL = ("camera.width=240", "camera.height=200", "run.normal_force=0.3")
 
 
@@ -54,14 +55,27 @@ def test_lost_motion_and_the_pitch_of_a_screw_are_found(tmp_path):
     assert not told["periodic_error_m"].doubt
 
 
-def test_a_block_in_contact_is_refused():
-    calibration = ActuatorCalibration()
-    time = np.arange(0, 20, 0.1)
-    held = {
-        "stage_time_s": time, "stage_m": 5e-6 * (10 - np.abs(time - 10)), "time_s": time,
-        "ux_m": 5e-6 * np.maximum(8 - np.abs(time - 10), 0), "uy_m": 0 * time,
+def motion(ux_um):
+    """Of a stage that reads 5 um/s forth and back, and a block that is seen to move so."""
+    return {
+        "stage_time_s": TIME, "stage_m": 5e-6 * (10 - np.abs(TIME - 10)), "time_s": TIME,
+        "ux_m": 1e-6 * ux_um, "uy_m": 1e-8 * np.sin(7 * TIME),
         "asked_m_s": np.array(5e-6), "scale_sd": np.array(0.005), "pixel_m": np.array(7e-6),
     }  # fmt: skip
+
+
+def test_an_encoder_of_another_scale_does_not_hide_that_the_stage_is_slow():
+    seen = np.random.default_rng(1).normal(4.75 * (10 - np.abs(TIME - 10)), 0.01)
+    found = ActuatorCalibration().fit(motion(seen), ActuatorOptions())
+    told = {one.key: one for one in found.values}
+    assert told["stage_m_s"].value == pytest.approx(5e-6, rel=1e-6)
+    assert told["velocity_ratio"].value == pytest.approx(0.95, abs=1e-3)
+    assert told["velocity_ratio"].sd == pytest.approx(0.95 * 0.005, rel=0.1)  # that of the pixel
+
+
+def test_a_block_in_contact_is_refused():
+    calibration = ActuatorCalibration()
+    held = motion(5 * np.maximum(8 - np.abs(TIME - 10), 0))
     with pytest.raises(ValueError, match=r"changes by|further from the fit"):
         calibration.fit(held, ActuatorOptions())
 
