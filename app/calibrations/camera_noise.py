@@ -13,6 +13,7 @@ from analysis.options import Section, option
 from app.calibrations.calibration import Calibration, CalibrationResult, Data, calibration_run
 from app.settings.protocol_steps import Hold, Reference
 from app.settings.sections import Config
+from app.system.errors import UserError
 
 SHARES = 0.1, 0.25, 0.5, 1.0  # of the exposure of the settings
 FRAMES = 8  # of a session that are compared in pairs
@@ -88,6 +89,12 @@ class CameraCalibration(Calibration[CameraOptions]):
 
         top, taken = data["top"], data["image_exposure_s"]
         known = math.isfinite(taken)
+        if options.longest and not known:
+            raise UserError(
+                "calibrate camera: pictures do not say how long they were exposed, so that"
+                f" --longest {1e3 * options.longest:g} cannot be kept; give sessions, or leave it"
+                " out"
+            )
         levels = (data[name] for name in ("level", "variance", "count"))
         found = photon_transfer.photon_transfer(
             photon_transfer.NoiseLevels(*levels),

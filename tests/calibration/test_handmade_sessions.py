@@ -128,6 +128,8 @@ def test_files_of_16_bits_need_the_end_of_their_scale(tmp_path):
         CameraCalibration().gather(paths, CameraOptions())
     data = CameraCalibration().gather(paths, CameraOptions(top=4095.0))
     assert float(data["top"]) == 4095
+    with pytest.raises(UserError, match="--longest 20 cannot be kept"):
+        CameraCalibration().fit(data, CameraOptions(longest=0.02))
 
 
 def test_a_flat_field_of_12_bits_that_is_cut_off_is_refused(tmp_path):
