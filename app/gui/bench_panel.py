@@ -389,7 +389,7 @@ class BenchPanel(QScrollArea):
         self.zero.setText("Zeroing …" if link.is_zeroing else "Zero")
         self.zero_act.setEnabled(self.zero.isEnabled())
         text, tone = disk_text(view.bytes_per_s if view else 0.0, link.free_bytes)
-        self.disk.setText(text)
+        self.disk.setText(typeset(text))
         tint(self.disk, None if tone is Tone.NEUTRAL else tone)
 
     def _state(self) -> str:

@@ -10,7 +10,7 @@ from PySide6.QtGui import QHideEvent
 from app.gui.background import Take
 from app.gui.bench_cells import goal_text, jog_speeds, jog_texts, stage_text, task_text
 from app.gui.bench_link import BenchLink
-from app.gui.cells import Tone, number, typeset
+from app.gui.cells import Tone, localized, number, typeset
 from app.gui.number_boxes import NumberBox
 from app.gui.widgets import (
     Panel,
@@ -88,12 +88,13 @@ class StagePanel(Panel):
         """Show how fast the stage is moved by these settings."""
         slow, fast = jog_speeds(config)
         for jog, arrow, speed in zip(self.jogs, ARROWS, (fast, slow, slow, fast), strict=True):
-            text, does, tip = jog_texts(arrow, speed)
+            text, does, tip = map(typeset, jog_texts(arrow, speed))
             jog.setText(text)
             jog.setAccessibleName(does)
             jog.setToolTip(tip)
+        speed_um_s = localized(f"{fast * 1e6:g}")
         self.go.setToolTip(
-            f"Moves the stage there at {fast * 1e6:g} µm/s, within its bounds and while forces are"
+            f"Moves the stage there at {speed_um_s} µm/s, within its bounds and while forces are"
             " read; STOP MOTION, or this button, stops it, and so does a window that stands still"
         )
 

@@ -245,7 +245,7 @@ class CampaignPanel(Panel):
         plan = lines.plan if lines else None
         self.heading.setText(plan.name if plan else "No campaign is open.")
         self.folder.setText(f"Sessions in {plan.folder.absolute()}" if plan else "")
-        self.sentence.setText(lines.progress.sentence() if lines else "")
+        self.sentence.setText(localized(lines.progress.sentence()) if lines else "")
         self.unattended.setEnabled(plan is not None and not plan.pauses)
         self.unattended.setToolTip(
             "The operator is waited for before each run of this campaign (pauses = true)"
@@ -284,7 +284,7 @@ class CampaignPanel(Panel):
         number = f"▶ {planned.number}" if is_next else str(planned.number)
         friction = localized(" ".join(mu.rounded).strip()) if mu else ""
         state = RunState.RUNNING if is_next and self.model.is_live else run.state
-        texts = (number, planned.name, state, friction, duration(run.seconds))
+        texts = (number, planned.name, state, friction, localized(duration(run.seconds)))
         tips, tones = {RUN: _words(run), STATE: run.found.reason}, {STATE: tone_of(state)}
         self.list.put_row(at, texts, tips, tones, bold=(RUN,) * is_next)
 

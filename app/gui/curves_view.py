@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,7 +13,7 @@ from app.gui.background import Act, Take
 from app.gui.charts import Chart, ChartMark, Line
 from app.gui.plot_panel import PlotPanel
 from app.gui.plots.curves import CurvePlot
-from app.gui.run_charts import TITLES, no_chart
+from app.gui.run_charts import TITLES, Cursor, no_chart
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
 from app.gui.widgets import tool_button, widget
@@ -124,6 +123,7 @@ class ChartCell(PlotPanel):
     def begin_run(self, origin: str) -> None:
         """Show all of the next run, whose name that is."""
         self.origin = origin
+        self.saved.hide()
         self.plot.begin_run()
 
     def _choose(self) -> None:
@@ -161,15 +161,15 @@ class CurvesView(QWidget):
         view, marks = self.shown.view, self.shown.marks
         if view is None or view.shown is None:
             return
-        now = view.shown.conditions
-        place = now.travel_m * 1e6, now.shear_force_n
-        for here in view.charts["loading"].marks:  # of a recorded run
-            place = here.x, here.y
-        if not math.isfinite(place[0]):
-            return  # nothing read the stage
-        marks.append(ChartMark(*place, f"{len(marks) + 1}: frame {view.shown.frame}"))
+        frame, now = view.shown.frame, view.shown.conditions
+        cursor = Cursor(frame, now.time_s, now.travel_m * 1e6, now.shear_force_n)
+        charts = replace(view.charts, cursor=view.charts.cursor or cursor)
+        places = charts["loading"].marks
+        marks += [replace(one, text=f"{len(marks) + 1}: frame {frame}") for one in places]
         for cell in self.cells:
             cell.show_run()
+            if cell.key == "loading" and not places:
+                cell.say_below(f"Frame {frame} is not marked: no travel is known of it.")
 
     def enlarge(self, cell: ChartCell) -> None:
         """Let a chart fill the room of all, or show all of them again."""

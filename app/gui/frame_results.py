@@ -14,11 +14,11 @@ import numpy as np
 from analysis.arrays import U8
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.saturation import end_of_scale
-from app.gui.cells import number, typeset
+from app.gui.cells import number, short, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
 from app.gui.source import Point, Rect, Setup, centres_px
 from app.records.lens_motion import drive_of, lens_xy_m
-from app.records.quantities import measured_text
+from app.records.quantities import decimals_for, measured_text
 from app.records.record_types import F32, F64, ContactResult, Snapshot
 from app.runs.run_source import Image
 from app.settings.sections import Config
@@ -69,7 +69,8 @@ def shown_image(full: Image, full_scale: int = 0) -> ShownImage:
         rows = np.flatnonzero(full.max(axis=1) >= end)
         row, column = np.divmod(np.flatnonzero(full[rows] >= end), full.shape[1])
         pixels[rows[row] // every, column // every] = 255
-        caption += f", {100 * len(row) / full.size:.2g} % saturated"
+        percent = 100 * len(row) / full.size
+        caption += f", {short(percent, 2) if percent >= 0.01 else '< 0.01'} % saturated"
     return ShownImage(pixels, rect, caption, full)
 
 
@@ -157,7 +158,8 @@ class FieldImage:
         symbol = self.kind.symbol
         if self.offset:
             sign = "−" if self.offset > 0 else "+"
-            symbol = f"{symbol} {sign} {number(abs(self.offset), 1)}"
+            size = abs(self.offset)
+            symbol = f"{symbol} {sign} {number(size, max(1, decimals_for(size, 1)))}"
         return f"{symbol} ({self.kind.unit})" if self.kind.unit else symbol
 
     def about_median(self) -> FieldImage:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from PySide6.QtWidgets import QLabel
 
-from app.gui.cells import DASH, Cell, Tone, count_cells
+from app.gui.cells import DASH, Cell, Tone, count_cells, localized
 from app.gui.panels import CellGrid, RunPanel
 from app.gui.source import Setup
 from app.gui.view_state import ViewState
@@ -58,7 +58,7 @@ class HealthStrip(RunPanel):
         self._shown = verdict
         tint(self.light, verdict.tone)
         self.light.setToolTip(verdict.tone.name.lower())
-        write(self.sentence, verdict.value)
+        write(self.sentence, localized(verdict.value))
 
 
 class HealthPanel(RunPanel):

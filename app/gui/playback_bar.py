@@ -82,7 +82,8 @@ class PlaybackBar(QToolBar):
         self._by_key = dict(zip(STEPS, acts, strict=True))
         tip = "Seconds of the experiment per second"
         self.pace = widget(QComboBox, toolTip=tip, activated=self._set_pace)
-        self.pace.addItems([localized(f"{pace:g} x") if pace else "max" for pace in PACES])
+        self._paces = list(PACES)
+        self.pace.addItems(list(map(_in_words, PACES)))
         self.number = widget(
             QSpinBox,
             toolTip="Number of the frame, as recorded; type another to show it",
@@ -131,7 +132,11 @@ class PlaybackBar(QToolBar):
             self.number.setRange(int(line.frames[0]), int(line.frames[-1]))
         self.number.setSuffix(f" of {line.frames[0]} to {line.frames[-1]}")
         pace = self._source.playback.pace
-        self.pace.setCurrentIndex(PACES.index(pace if pace in PACES else 1.0))
+        if pace is not None and pace not in self._paces:
+            at = sum(one is not None and one < pace for one in self._paces)
+            self._paces.insert(at, pace)
+            self.pace.insertItem(at, _in_words(pace))
+        self.pace.setCurrentIndex(self._paces.index(pace))
         self._timer.start()
         self.refresh()
 
@@ -233,9 +238,13 @@ class PlaybackBar(QToolBar):
 
     def _set_pace(self, index: int) -> None:
         if self._source is not None:
-            self._source.playback.set_pace(PACES[index])
+            self._source.playback.set_pace(self._paces[index])
             self._show_action()
 
     def _show_action(self) -> None:
         self.refresh()
         self.acted.emit()
+
+
+def _in_words(pace: float | None) -> str:
+    return localized(f"{pace:g} x") if pace else "max"

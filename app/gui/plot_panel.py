@@ -137,11 +137,12 @@ class PlotPanel(Panel):
         content = makes.get(path.suffix.lower().removeprefix("."), self._picture)()
         self._background.start(
             lambda: path.write_bytes(content()),
-            lambda _: self._say(f"Saved as {path.absolute()}"),
-            lambda problem: self._say(f"The plot was not saved: {problem}"),
+            lambda _: self.say_below(f"Saved as {path.absolute()}"),
+            lambda problem: self.say_below(f"The plot was not saved: {problem}"),
         )
 
-    def _say(self, sentence: str) -> None:
+    def say_below(self, sentence: str) -> None:
+        """Write a sentence below the plot."""
         write(self.saved, sentence)
         self.saved.show()
 

@@ -11,7 +11,7 @@ from PySide6.QtCore import Signal
 from PySide6.QtWidgets import QWidget
 
 from analysis.options import options
-from app.gui.cells import Tone, typeset
+from app.gui.cells import Tone, localized, typeset
 from app.gui.form import STEPS_KEY, Form, FormField, Steps, Values, fields_of, steps_in_words
 from app.gui.setting_row import RowState
 from app.gui.settings_list import INDENT_PX, SettingsList, SettingsTable
@@ -76,7 +76,7 @@ class ProtocolEditor(QWidget):
         self._choose(self._chosen)
         seconds = durations(config.run.protocol)
         planned = duration(sum(one for one in seconds if math.isfinite(one)))
-        self.total.setText("" if refused else f"{planned} and the operator's time")
+        self.total.setText("" if refused else localized(f"{planned} and the operator's time"))
 
     def state(self, field: FormField) -> RowState:
         """What the row of a value of a step shows."""
@@ -227,7 +227,8 @@ def _titles(form: Form) -> list[str]:
         f" · {duration(seconds)}" if isinstance(step, Motion) and math.isfinite(seconds) else ""
         for step, seconds in zip(steps, durations(steps), strict=True)
     )
-    return [words + time for words, time in zip(steps_in_words(form.config), times, strict=True)]
+    words = steps_in_words(form.config)
+    return [localized(text + time) for text, time in zip(words, times, strict=True)]
 
 
 def _brief(step: Values) -> str:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from app.experiment.decisions import TOUCH_FRACTION, phase_of
 from app.gui.bench_cells import Gauge
 from app.gui.bench_link import Pair
-from app.gui.cells import Tone, number, typeset
+from app.gui.cells import Tone, localized, number, typeset
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Outcome
 from app.settings.protocol_steps import (
@@ -176,7 +176,7 @@ def _texts(steps: tuple[Step, ...]) -> tuple[str, ...]:
 def _left(seconds: float) -> str:
     if not math.isfinite(seconds) or seconds < 0.5:
         return ""
-    return f"{duration(seconds)} left"
+    return localized(f"{duration(seconds)} left")
 
 
 def _acts(health: Health, step: Step | None) -> str:

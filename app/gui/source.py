@@ -45,8 +45,9 @@ class Setup:
 
     @property
     def name(self) -> str:
-        """The load and the session, ``0.5 N run-a``, or the title of a run without a session."""
-        return f"{self.load_n:g} N {self.session.stem if self.session else self.title}"
+        """The load, if any, and the session, ``0.5 N run-a``, or the title of a run without one."""
+        load = f"{self.load_n:g} N " if math.isfinite(self.load_n) else ""
+        return f"{load}{self.session.stem if self.session else self.title}"
 
 
 def centres_px(rect: Rect, values: NDArray[Any]) -> tuple[F64, F64]:

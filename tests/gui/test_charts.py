@@ -2,10 +2,13 @@
 
 import csv
 import io
+from pathlib import Path
 
 import numpy as np
 
 from app.gui.charts import Chart, Line
+from app.gui.source import Setup
+from app.settings.config import load
 
 TRAVEL_Q = ("travel_um", "Q_N")
 
@@ -46,3 +49,10 @@ def test_axes_hold_all_lines_and_their_bands_but_not_earlier_runs() -> None:
     assert 2.5 <= high_y < 5.0
     held = ((0.0, 12.0), (0.0, 3.0))
     assert chart.ranges(held) == held
+
+
+def test_a_run_that_presses_to_no_load_is_named_by_its_session_alone() -> None:
+    free = 'run.purpose="calibration"', 'run.steps=[{do="background"}]'
+    for steps, name in ((), "0.5 N a"), (free, "a"):
+        config = load(None, steps)
+        assert Setup("bench", 7.0, (0, 0, 1, 1), config, session=Path("a.h5")).name == name

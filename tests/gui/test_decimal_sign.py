@@ -3,25 +3,37 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from operators import large
-from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QTableWidget, QTreeWidget
+from PySide6.QtWidgets import (
+    QAbstractButton,
+    QComboBox,
+    QLabel,
+    QLineEdit,
+    QTableWidget,
+    QTreeWidget,
+)
 from pytestqt.qtbot import QtBot
 from window_hands import Open, begin, make_run, model_of
 
-from app.gui.cells import localized, number, set_decimal_sign, typeset
+from app.gui.cells import Cell, Tone, localized, number, set_decimal_sign, typeset
 from app.gui.charts import Chart, Line
+from app.gui.run_steps import _left
 from app.gui.window import MainWindow
 from app.records.bench_view import ForcesView
+from app.settings.config import load
 
 WITH_POINT = re.compile(r"\d\.\d")  # no name of a file and no version is in the window
 
 
 def texts_of(window: MainWindow) -> list[str]:
     """All that is written in it, and about what is under the pointer."""
-    found = [one.text() for kind in (QLabel, QLineEdit) for one in window.findChildren(kind)]
+    kinds = QLabel, QLineEdit, QAbstractButton
+    found = [one.text() for kind in kinds for one in window.findChildren(kind)]
     kinds = QComboBox, QTableWidget, QTreeWidget
     for model in (one.model() for kind in kinds for one in window.findChildren(kind)):
         rows, columns = range(model.rowCount()), range(model.columnCount())
@@ -31,10 +43,12 @@ def texts_of(window: MainWindow) -> list[str]:
 
 @pytest.mark.usefixtures("german")
 def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
-    qtbot: QtBot, open_window: Open
+    qtbot: QtBot, open_window: Open, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = make_run()
     window = open_window(model=model_of(lambda: run))
+    slow = ("actuator.max_velocity=25", "run.travel=190", "run.velocity=0.02")
+    window.model.set_config(load(None, slow))
     large(window)
     for name in window.docks.by_name:
         window.docks.show(name)
@@ -48,7 +62,14 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
     assert window.readouts.views[1].value.text() == "0,125"
     window.readouts.show_bench(None)
     window.notice.say("the stage is at rest at 12.6413 mm")
+    monkeypatch.setattr("app.gui.bench_panel.disk_text", lambda *_: ("45.3 GB free", Tone.NEUTRAL))
+    window.bench._show()
+    window.strip._say(Cell("verdict", "The disk has 5.3 GB left."))
     assert [text for text in texts_of(window) if WITH_POINT.search(text)] == []
+    words = "\n".join(texts_of(window))
+    for text in ("‹ 2,5", "2,6 h and the operator's time", "45,3 GB free", "has 5,3 GB left"):
+        assert text in words
+    assert _left(9000.0) == "2,5 h left"
     assert sum("," in text and bool(re.search(r"\d,\d", text)) for text in texts_of(window)) > 20
     canvas = window.interface.canvas
     for axis in (*canvas.axes, canvas._bar.axis, *window.curves.cells[0].plot.axes):
@@ -67,6 +88,11 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
     assert "0,5 N " in panel.plot.legend.toPlainText()
     assert f"{name},1," in panel.plot.table()
     assert "." not in canvas._scale.text.toPlainText()
+    campaign = window.campaign
+    campaign.open(Path("six-loads"))  # with names of files
+    qtbot.waitUntil(lambda: campaign.lines is not None)
+    campaign._put_row(0, replace(campaign.lines.runs[0], seconds=9000.0), is_next=False)
+    assert "2,5 h" in texts_of(window)
 
 
 def test_only_numbers_get_the_sign_of_the_language() -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,9 +20,10 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
+from window_hands import make_run
 
 from app.gui.curves_view import CurvesView
-from app.gui.frame_results import shown_image
+from app.gui.frame_results import KINDS, FieldImage, shown_image
 from app.gui.image_view import LIVE, PICTURES, POINT_HINT, InterfaceView
 from app.gui.plots.picture import colour_table
 from app.gui.source import setup_of
@@ -213,6 +215,23 @@ def test_saturated_pixels_are_red(picture: InterfaceView, run: ScriptedRun) -> N
     assert "saturated" in picture.panel.caption.text()
 
 
+@pytest.mark.parametrize(
+    ("saturated", "percent"), [(240 * 320, "100"), (768, "1"), (77, "0.1"), (1, "< 0.01")]
+)
+def test_the_share_of_saturated_pixels_is_written_as_people_do(
+    saturated: int, percent: str
+) -> None:
+    image = np.zeros(240 * 320, np.uint8)
+    image[:saturated] = 255
+    assert f", {percent} % saturated" in shown_image(image.reshape(240, 320)).caption
+
+
+def test_a_small_median_is_not_written_as_zero() -> None:
+    for value, label in ((0.04, "uₓ − 0.04 (µm)"), (-3.21, "uₓ + 3.2 (µm)")):
+        field = FieldImage(KINDS["ux_um"], np.full((5, 5), value, np.float32), "")
+        assert field.about_median().label == label
+
+
 def test_the_probe_follows_the_frame(
     qtbot: QtBot, picture: InterfaceView, run: ScriptedRun
 ) -> None:
@@ -363,6 +382,28 @@ def test_frames_are_numbered_on_the_loading_curve(
     snapshot = run.snapshots_since(99)[0]
     assert marks[0].x == pytest.approx(snapshot.conditions.travel_m * 1e6)
     assert marks[0].y == pytest.approx(snapshot.conditions.shear_force_n)
+
+
+def test_a_frame_is_numbered_on_a_curve_over_v_t(qtbot: QtBot, curves: CurvesView) -> None:
+    run = make_run()
+    run.started, unread = True, {"travel_m": math.nan}
+    run._snapshots = [
+        replace(one, conditions=replace(one.conditions, **unread)) for one in run._snapshots
+    ]
+    curves.show_setup(setup_of(run))
+    cell = curves.cells[0]
+    draw(curves, look(run.at(50)))  # whose velocity of sliding is not known yet
+    qtbot.mouseClick(cell.mark, Qt.MouseButton.LeftButton)
+    assert cell.plot.chart.marks == ()
+    assert cell.saved.text() == "Frame 49 is not marked: no travel is known of it."
+    view = look(run.at(60))
+    draw(curves, view)
+    qtbot.mouseClick(cell.mark, Qt.MouseButton.LeftButton)
+    (mark,), (line,) = cell.plot.chart.marks, cell.plot.chart.lines
+    assert cell.plot.chart.x_label == "travel δ = v t (µm)"
+    assert (mark.x, mark.y) == pytest.approx((line.x[-1], line.y[-1]))
+    curves.show_setup(setup_of(run))
+    assert cell.saved.isHidden()
 
 
 def play(curves: CurvesView, run: ScriptedRun, session: str, load_n: float = 0.5) -> None:

@@ -252,6 +252,20 @@ def test_the_verdict_of_the_replay_is_shown_at_its_end(qtbot, host, whole):
     replay.browser.close()
 
 
+def test_a_pace_of_the_command_line_stands_among_the_others(qtbot, session):
+    bar, paces = PlaybackBar(), []
+    qtbot.addWidget(bar)
+    for pace in (3.0, 0.25, None, 3.0):
+        replay = Replay(session, pace=pace)
+        bar.attach(replay)
+        paces.append(bar.pace.currentText())
+        bar.pace.activated.emit(bar.pace.currentIndex())
+        assert replay.playback.pace == pace
+    bar.attach(None)
+    assert paces == ["3 x", "0.25 x", "max", "3 x"]
+    assert [bar.pace.itemText(n) for n in range(4, 7)] == ["2 x", "3 x", "5 x"]
+
+
 def test_a_replay_that_differs_says_in_what(whole, tmp_path, qtbot):
     path = tmp_path / "altered.h5"
     path.write_bytes(whole.read_bytes())
