@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -284,8 +285,12 @@ class BaseWindow(QMainWindow):
 
     def show_keys(self) -> None:
         """List the keys, in a window of its own beside which this one stays in use."""
-        self._keys = KeyList(self, (PlaybackBar, *self.docks.kinds))
         self._keys.show()
+        self._keys.activateWindow()
+
+    @cached_property
+    def _keys(self) -> KeyList:
+        return KeyList(self, (PlaybackBar, *self.docks.kinds))
 
     def pause(self) -> None:
         """Let the run wait after the step under way, withdraw that, or say why it cannot."""

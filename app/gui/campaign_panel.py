@@ -198,7 +198,9 @@ class CampaignPanel(Panel):
             self.unattended.setChecked(False)
 
     def _go_on(self) -> None:
-        """Look what has become of the run that ended; unattended, begin the next one."""
+        """Look what has become of the run that ended; unattended, begin the next one. Of a campaign
+        that is only looked at nothing is written.
+        """
         if self.lines is None:
             return
         file, ended = self.lines.plan.file, self._begun
@@ -218,7 +220,8 @@ class CampaignPanel(Panel):
             else:  # whatever is run next is no part of it, and is shown
                 self.unattended.setChecked(False)
 
-        self._do(lambda: campaign_lines.renew(file), follow)
+        look = campaign_lines.renew if ended else campaign_lines.look
+        self._do(partial(look, file), follow)
 
     # ------------------------------------------------------------------ drawing
 

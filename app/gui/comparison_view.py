@@ -28,6 +28,7 @@ class ComparisonView(QWidget):
 
     def __init__(self, sessions: Sequence[Recorded], parent: QWidget | None = None) -> None:
         super().__init__(parent, Qt.WindowType.Window)
+        self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.sessions = tuple(sessions)
         self.setObjectName("body")
         self.setWindowTitle(f"{' · '.join(one.name for one in sessions)} – side by side")

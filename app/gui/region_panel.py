@@ -73,6 +73,7 @@ class RegionPanel(Panel):
         self.model, self.picture, self.shapes = model, picture, RegionShapes(picture)
         self.undo_stack = QUndoStack(self)
         self._shown: tuple[Region, float] | None = None  # and the size of a pixel, m
+        self._used = self.region  # that was drawn here, or began here
         self._build()
         self.shapes.changed.connect(self._moved)
         model.settings_changed.connect(self._follow)
@@ -131,10 +132,16 @@ class RegionPanel(Panel):
             self.model.said.emit(f"The region stays as it is: {error}", False)
             self._draw()
             return
+        self._used = region
         self.model.set_config(changed)
 
     def _follow(self) -> None:
-        """Show the region of the next run."""
+        """Show the region of the next run; what was done to that of other settings cannot be undone
+        in these.
+        """
+        if self.region != self._used:
+            self._used = self.region
+            self.undo_stack.clear()
         if (now := (self.region, self.model.config.camera.pixel)) != self._shown:
             self._shown = now
             self._draw()

@@ -51,8 +51,12 @@ class SessionForm(Panel):
         """Ask for what is to be done with this session."""
         if session != self.session:
             self.session = session
-            write(self.heading, self._title.format(session.name))
+            self._head(session)
             self._propose()
+
+    def _head(self, session: Path) -> None:
+        """Say what is asked for."""
+        write(self.heading, self._title.format(session.name))
 
     def end(self) -> None:
         """Ask for the next of the session that is chosen by now, once it is done."""
@@ -86,7 +90,7 @@ class AnalysisForm(SessionForm):
 
     def __init__(self) -> None:
         self._source: RunSource | None = None
-        self._is_busy = False
+        self.doing = ""  # what goes on, in words
         self.preset = widget(QComboBox, toolTip="A set of settings of the correlation")
         self.preset.addItems([AS_RECORDED, *PRESETS])
         self.box, self.step = _pixels("Side of the correlation box"), _pixels("Pitch of the boxes")
@@ -110,10 +114,10 @@ class AnalysisForm(SessionForm):
         others = filter(None, BETWEEN.split(self.others.text().strip()))
         return [*(f"dic.{key}={value}" for key, value in given.items()), *others]
 
-    def begin(self, sentence: str) -> None:
-        """Show that an analysis goes on."""
-        self._is_busy = True
-        self.heading.setText(sentence)
+    def begin(self, doing: str) -> None:
+        """Show that an analysis goes on, as long as it does."""
+        self.doing = doing
+        write(self.heading, f"{doing} …")
         self.begin_button.setEnabled(False)
 
     def follow(self, source: RunSource) -> None:
@@ -123,10 +127,14 @@ class AnalysisForm(SessionForm):
 
     def end(self) -> None:
         """Show that it is over, and ask for the next."""
-        self._source, self._is_busy = None, False
+        self._source, self.doing = None, ""
         super().end()
         self.begin_button.setEnabled(True)
         self.stop.setEnabled(False)
+
+    def _head(self, session: Path) -> None:
+        if not self.doing:  # which Stop ends
+            super()._head(session)
 
     def _propose(self) -> None:
         assert self.session is not None
@@ -143,7 +151,7 @@ class AnalysisForm(SessionForm):
 
     def _show_where(self) -> None:
         output, name = self._output(), self.file.text().strip()
-        self.begin_button.setEnabled(output is not None and not self._is_busy)
+        self.begin_button.setEnabled(output is not None and not self.doing)
         refusal = f"{name} is no name of a file; the new file lies beside the session"
         self.where.setText(str(output.absolute()) if output else refusal if name else "")
 

@@ -114,7 +114,6 @@ class SessionsPanel(Panel):
         self._listing = 0  # late answers of an earlier one are dropped
         # by path, with the time of its last change: a file that is as it was is not read again
         self._read: dict[Path, tuple[float, Entry]] = {}
-        self.comparisons: list[ComparisonView] = []
         self.list = SessionList()
         modes = QFileDialog.FileMode
         self.open = button(
@@ -159,7 +158,13 @@ class SessionsPanel(Panel):
         self.analysis_form.asked.connect(self._analyse)
         self.export_form.asked.connect(self._export)
         self._model.ended.connect(lambda _: self._list_again(model.recorded))
+        self._model.busy_changed.connect(self._name_analysis)
         self._show_buttons()
+
+    @property
+    def comparisons(self) -> list[ComparisonView]:
+        """Those that are open."""
+        return self.findChildren(ComparisonView)
 
     # ------------------------------------------------------------------ opening and listing
 
@@ -334,10 +339,7 @@ class SessionsPanel(Panel):
         )
 
     def _show_comparison(self, sessions: list[Recorded], said: str) -> None:
-        self.comparisons = [view for view in self.comparisons if view.isVisible()]
-        view = ComparisonView(sessions, self)
-        self.comparisons.append(view)
-        view.show()
+        ComparisonView(sessions, self).show()
         self._say(said)
 
     # ------------------------------------------------------------------ further analyses, export
@@ -360,7 +362,7 @@ class SessionsPanel(Panel):
             )
             return
         form = self.analysis_form
-        form.begin(f"{session.name} is being analysed again …")
+        form.begin(f"{session.name} is being analysed again")
 
         def follow(tell: ShareDone) -> str:
             source = self._model.factory.reanalysis(session, overrides, output)
@@ -378,6 +380,16 @@ class SessionsPanel(Panel):
             self.list_folder(output.parent, [session, output])
 
         self._start(follow, done, form.end)
+
+    def _name_analysis(self) -> None:
+        """Say that a run which begins shares the processor with a further analysis."""
+        if self._model.is_live and (doing := self.analysis_form.doing):
+            sentence = (
+                f"{doing}, which takes processor time from the analysis of the run that begins;"
+                " Stop in the dock Sessions ends it."
+            )
+            self._say(sentence)
+            self._model.said.emit(sentence, False)
 
     def _export(self, session: Path, destination: Path, what: str, frames: str) -> None:
         form = self.export_form

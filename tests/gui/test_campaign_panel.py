@@ -80,6 +80,18 @@ def column(panel: CampaignPanel, at: int) -> list[str]:
     return [item.text(at) for item in items]
 
 
+def test_a_campaign_that_is_only_open_writes_nothing_after_another_run(
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
+) -> None:
+    before = opened(qtbot, panel).lines
+    model.set_busy(True, is_live=True)
+    model.set_busy(False)
+    model.ended.emit(None)
+    qtbot.waitUntil(lambda: panel.lines is not before)
+    assert column(panel, STATE) == ["waiting"] * 3
+    assert [one.name for one in tmp_path.iterdir()] == ["loads.toml"]
+
+
 def test_the_runs_of_a_campaign_and_the_next_one(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:

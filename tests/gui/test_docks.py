@@ -16,6 +16,7 @@ from window_hands import Open, begin, model_of
 from workshops import Makes
 
 from app.gui.cells import Tone
+from app.gui.keys import KeyList
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.records.record_types import Phase
@@ -197,3 +198,7 @@ def test_a_part_is_made_when_it_comes_into_view_and_shows_the_run_by_then(
     assert not any(head.font().bold() for head in heads_of_steps(window.setup))
     window.show_keys()
     assert "Ctrl+R" in words(window._keys), "of a part that may not be made yet"
+    window._keys.close()
+    window.show_keys()
+    assert window._keys.isVisible()
+    assert len(window.findChildren(KeyList)) == 1

@@ -117,6 +117,23 @@ def test_a_corner_is_dragged_and_every_change_can_be_undone(
     assert model.config.dic.region == moved
 
 
+def test_shapes_of_another_set_up_do_not_come_back_by_undo(
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel
+) -> None:
+    panel.add(True)
+    config = model.config
+    model.set_config(replace(config, run=replace(config.run, normal_force=0.1)))
+    assert panel.undo_button.isEnabled()  # the region is the one that was drawn
+    panel.add(False)
+    panel.undo_stack.undo()
+    assert len(panel.region) == 1
+    model.set_config(load(None, SIZE))
+    assert not panel.undo_button.isEnabled()
+    assert not panel.redo_button.isEnabled()
+    panel.undo_stack.undo()
+    assert panel.region == ()
+
+
 def test_corners_are_added_and_removed_and_a_shape_is_moved(
     qtbot: QtBot, panel: RegionPanel, model: WindowModel
 ) -> None:

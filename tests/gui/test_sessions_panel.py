@@ -206,6 +206,9 @@ def test_two_sessions_are_compared(qtbot, panel, folder):
     shown = ComparisonView(long)
     qtbot.addWidget(shown)
     assert shown.minimumSizeHint().width() < 1000
+    view.close()
+    qtbot.waitUntil(lambda: not panel.findChildren(ComparisonView))  # nothing of it is kept
+    assert not panel.comparisons
 
 
 @pytest.mark.parametrize(
@@ -266,8 +269,9 @@ def test_another_session_that_is_chosen_meanwhile_begins_no_second_analysis(qtbo
     form = AnalysisForm()
     qtbot.addWidget(form)
     form.show_session(folder / "load-30.h5")
-    form.begin("load-30.h5 is being analysed again …")
+    form.begin("load-30.h5 is being analysed again")
     form.show_session(folder / "load-20.h5")
+    assert form.heading.text() == "load-30.h5 is being analysed again …"  # which Stop ends
     assert not form.begin_button.isEnabled()
     form.end()
     assert form.begin_button.isEnabled()

@@ -189,3 +189,20 @@ def test_a_session_is_not_analysed_again_during_a_run(
     qtbot.waitUntil(lambda: window.outcome() is not None)
     ask_analysis(window)
     qtbot.waitUntil(lambda: analyses == [Path("old.h5")])
+
+
+def test_a_run_that_begins_beside_a_further_analysis_says_so(
+    qtbot: QtBot, window: MainWindow, run: ScriptedRun
+) -> None:
+    assert window.sessions is not None
+    window.sessions.analysis_form.begin("old.h5 is being analysed again")
+    qtbot.keyClick(window, Qt.Key.Key_F5)
+    qtbot.waitUntil(lambda: run.started)
+    sentence = window.notice.text.text()
+    assert sentence.startswith("old.h5 is being analysed again, which takes processor time")
+    assert window.sessions.said.text() == sentence
+    run.at(60)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+    window.sessions.analysis_form.end()
+    window.begin()
+    assert sentence not in window.notice.text.text()
