@@ -64,7 +64,8 @@ class ImportedTrigger:
     """A trigger of the camera: its image in a file, or the reason why there is none.
 
     `sample`, `phase_sample` and `step_sample` are -1 until they are known, `stamp_s`, the camera's
-    own time of it, is NaN.
+    own time of it, is NaN; `first` and `last`, the triggers that it can be, are -1 where it is
+    certain.
     """
 
     index: int
@@ -76,6 +77,8 @@ class ImportedTrigger:
     step: int = 0
     step_sample: int = -1
     stamp_s: float = math.nan
+    first: int = -1
+    last: int = -1
 
 
 def files_of(sources: Sources, remarks: list[str]) -> tuple[Sources, list[ImagePage]]:
@@ -149,7 +152,8 @@ def listed(table: TextTable, files: list[ImagePage], remarks: list[str]) -> list
             f"{table.path}: the numbers in column frame must be whole, from 0 on, each larger than"
             " the one before"
         )
-    if numbers[-1] > (MOST_LOST + 1) * (table.rows + 100):
+    most = (MOST_LOST + 1) * (table.rows + 100)
+    if numbers[-1] > most:
         raise UserError(
             f"{table.path}: frames up to {numbers[-1]:.0f} in {table.rows} rows; number the frames"
             " by the camera's triggers"
@@ -167,17 +171,28 @@ def listed(table: TextTable, files: list[ImagePage], remarks: list[str]) -> list
         for name in ("phase_sample", "step", "step_sample")
     )
     stamps = table.numbers.get("camera", np.full(table.rows, np.nan)).tolist()
+    spans = [numbers, numbers]
+    if table.has("first", "last"):
+        given = (table.numbers[name] for name in ("first", "last"))
+        first, last = spans = [np.where(np.isnan(held), numbers, held) for held in given]
+        is_none = ~((first >= 0) & (first <= numbers) & (numbers <= last) & (last <= most))
+        if (is_none | (np.rint(spans) != spans).any(axis=0)).any():
+            raise UserError(
+                f"{table.path}: columns first and last must be the triggers, from the first to the"
+                " last, that each frame can be; correct them, or leave both columns out"
+            )
     by_name = {picture.name: picture for picture in files}
     frame_of: dict[str, int] = {}
     triggers = []
-    for number, name, reason, phase, stamp_s, *begun in zip(
-        numbers, names, reasons, phases, stamps, begins, steps, step_begins, strict=True
+    for number, name, reason, phase, stamp_s, first, last, *begun in zip(
+        numbers, names, reasons, phases, stamps, *spans, begins, steps, step_begins, strict=True
     ):
         path = by_name.get(name) or _named_beside(table.path, name)
         began, step, step_began = map(int, begun)
         trigger = ImportedTrigger(
             int(number), -1, None, reason, phase, began, max(0, step), step_began, stamp_s
         )
+        trigger.first, trigger.last = int(first), int(last)
         if path is not None and frame_of.setdefault(name, trigger.index) < trigger.index:
             trigger.reason = f"'{name}' is the image of frame {frame_of[name]}"
         elif path is not None:

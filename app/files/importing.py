@@ -119,11 +119,11 @@ def import_files(
     def triggers() -> Iterator[Trigger]:
         nonlocal measured_fields
         for frame in frames:
-            image = image_or_reason(frame, first)
+            image, span = image_or_reason(frame, first), (frame.first, frame.last)
             if isinstance(image, str):
-                yield LostFrame(frame.index, frame.sample, image), None, None
+                yield LostFrame(frame.index, frame.sample, image, *span), None, None
             else:
-                yield Frame(frame.index, frame.sample, image, stamp_s=frame.stamp_s), image, None
+                yield Frame(frame.index, frame.sample, image, *span, frame.stamp_s), image, None
                 field = analysis.series.since(len(analysis.series) - 1)[0].field
                 measured_fields += field is not None and bool(np.isfinite(field.ux_px).any())
             on_progress(f"frame {frame.index}", (frame.sample + exposure) / end)

@@ -54,6 +54,8 @@ FRAMES = _ON_THE_CLOCK | {
     "phase_sample": NUMBER,
     "step": NUMBER,
     "step_sample": NUMBER,
+    "first": NUMBER,
+    "last": NUMBER,
     "camera": TIME,
     "phase": TEXT,
     "file": TEXT,

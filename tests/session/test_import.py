@@ -453,6 +453,19 @@ def test_a_name_that_no_disk_can_hold_and_a_phase_out_of_this_world(
         ] == [(0, "reference"), (125, "drive")]
 
 
+def test_triggers_that_are_uncertain_stay_so(few: Path, tmp_path: Path) -> None:
+    rows = ["0,0,0,shot 17.png", "1,,,shot 18.png", "2,1,3,", "3,2,3,shot 19.png"]
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(["frame,first,last,file", *rows]), encoding="utf-8")
+    imported(tmp_path / "new.h5", few, metadata=table, **KNOWN)
+    with SessionReader(tmp_path / "new.h5") as session:
+        spans = session.triggers()[["first", "last"]].tolist()
+    assert spans == [(0, 0), (1, 1), (1, 3), (2, 3)]
+    table.write_text(table.read_text(encoding="utf-8").replace("2,3,", "4,3,"), encoding="utf-8")
+    with pytest.raises(UserError, match="columns first and last must be the triggers"):
+        imported(tmp_path / "none.h5", few, metadata=table, **KNOWN)
+
+
 def test_stage_of_images_without_times_belongs_to_their_numbers(few: Path, tmp_path: Path) -> None:
     rows = [f"{n},{2.5 * n},shot {17 + n}.png" for n in (0, 1, 2, 3)]
     (tmp_path / "table.csv").write_text("\n".join(["frame,stage_um,file", *rows]), encoding="utf-8")
