@@ -77,6 +77,25 @@ def test_a_file_appears_when_it_is_complete(tmp_path: Path) -> None:
     assert contents(tmp_path) == {"a.csv": "new"}
 
 
+def test_the_content_of_a_file_is_on_the_disk_before_it_replaces_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut between both would leave an empty file in place of the settings."""
+    target, synced = tmp_path / "a.toml", []
+    target.write_text("old")
+    fsync = os.fsync
+
+    def noted(file: int) -> None:
+        synced.append((os.fstat(file).st_size, target.read_text()))
+        fsync(file)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    with new_file(target, overwrite=True) as unfinished:
+        unfinished.write_text("newer")
+    assert synced[0] == (5, "old")
+    assert target.read_text() == "newer"
+
+
 @pytest.mark.parametrize(
     "error", [OSError(28, "No space left"), ValueError("odd"), KeyboardInterrupt()]
 )

@@ -94,12 +94,23 @@ def sync_folder(folder: Path) -> None:
     if sys.platform != "win32":
         opened = os.open(folder, os.O_RDONLY)
         try:
-            os.fsync(opened)
-        except OSError as error:  # some shares know no sync of folders
-            if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF):
-                raise
+            _sync(opened)
         finally:
             os.close(opened)
+
+
+def sync_file(path: Path) -> None:
+    """Bring the content of a file to the disk, where the system can be asked to."""
+    with path.open("rb+") as file:  # Windows syncs only what may be written
+        _sync(file.fileno())
+
+
+def _sync(opened: int) -> None:
+    try:
+        os.fsync(opened)
+    except OSError as error:  # some shares know no sync, or none of folders
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS, errno.EBADF):
+            raise
 
 
 def forget_cached(file: FileIO) -> None:

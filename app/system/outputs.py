@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 import psutil
 
-from app.system.disk import DiskError, replace_file, sync_folder
+from app.system.disk import DiskError, replace_file, sync_file, sync_folder
 from app.system.errors import UserError
 
 LEFT_S = 3600.0  # an unfinished file unchanged for so long is of a program that is gone
@@ -114,8 +114,8 @@ def check_folder_of(path: Path) -> None:
 def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
     """A name beside `path`, with its ending, to write to.
 
-    The file takes its place when the block ends. Whatever ends the block early, it is removed, and
-    a file that was at `path` before stays as it was.
+    The file takes its place when the block ends and its content is on the disk. Whatever ends the
+    block early, it is removed, and a file that was at `path` before stays as it was.
 
     Raises
     ------
@@ -125,6 +125,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
     with _unfinished(path) as unfinished:
         yield unfinished
         check_output(path, overwrite)
+        sync_file(unfinished)
         replace_file(unfinished, path)
         sync_folder(path.absolute().parent)
 
