@@ -19,7 +19,7 @@ from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
 from app.files.text_tables import ANY_FORM, TextTable
 from app.records.quantities import counted
 from app.system.errors import UserError
-from drivers.cameras.image_folder import in_order_of_numbers
+from drivers.cameras.image_folder import has_known_order, in_order_of_numbers
 
 # times as many frames as there are images: more, and their numbers count something else
 MOST_LOST = 10
@@ -122,6 +122,12 @@ def numbered(files: list[ImagePage], remarks: list[str]) -> list[ImportedTrigger
         if len({picture.path for picture in files}) > 1:
             remarks.append("the images of each file are taken to follow those of the one before")
         return [ImportedTrigger(index, path=picture) for index, picture in enumerate(files)]
+    if not has_known_order(picture.path for picture in files):
+        raise UserError(
+            f"{files[0]} to {files[-1].name}: the numbers behind the points may be decimal places,"
+            " which give another order, or counts; write them all with as many digits, or give a"
+            " table --metadata with a column file"
+        )
     found = [re.search(r"(\d+)\D*$", picture.path.stem) for picture in files]
     steps = [int(b[1]) - int(a[1]) for a, b in pairwise(found) if a and b]
     step = Counter(steps).most_common(1)[0][0] if steps else 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from itertools import zip_longest
 from pathlib import Path
 from typing import cast
 
@@ -18,6 +19,8 @@ from drivers.protocols import Found, Image
 from drivers.settings import CameraSettings
 
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp")
+# the digits behind a point; not of a date or a version, which have more than one point
+_BEHIND_POINT = re.compile(r"(?<![\d.,])\d+[.,](\d+)(?![.,]?\d)")
 
 
 def find(folder: str = "") -> list[Found]:
@@ -38,12 +41,46 @@ def images_of(folder: Path) -> list[Path]:
 
 
 def in_order_of_numbers(paths: Iterable[Path]) -> list[Path]:
-    """The paths in the order in which people number them: a2 before a10."""
+    """The paths in the order in which people number them: a2 before a10, v1.9 before v1.10, and
+    0.25 s before 0.5 s.
+    """
+    held = [*paths]
+    # to how many decimal places each decimal number of the names is compared
+    widths = [max(map(len, one)) if _are_decimals(one) else 0 for one in _places(held)]
 
     def parts(path: Path) -> list[int | str]:
-        return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(path))]
+        width = iter(widths)
+        text = _BEHIND_POINT.sub(lambda one: one[0] + "0" * (next(width) - len(one[1])), str(path))
+        return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", text)]
 
-    return sorted(paths, key=parts)
+    return sorted(held, key=parts)
+
+
+def has_known_order(paths: Iterable[Path]) -> bool:
+    """Whether it is known how people number them: not of x1.5 and x1.10, which may be decimal
+    numbers or counts.
+    """
+    return None not in map(_are_decimals, _places(paths))
+
+
+def _places(paths: Iterable[Path]) -> list[set[str]]:
+    """The digits behind the point in the first, second, ... decimal number of all names."""
+    found = zip_longest(*(_BEHIND_POINT.findall(str(path)) for path in paths), fillvalue="")
+    return [{*column} - {""} for column in found]
+
+
+def _are_decimals(places: set[str]) -> bool | None:
+    """Whether they are decimal places (0.25, 0.5) rather than counts (1.9, 1.10); None where it
+    cannot be known, and matters.
+    """
+    counts, shortest = {*map(int, places)}, min(map(len, places))
+    longer = [one for one in places if len(one) > shortest]
+    if not longer or any(one[0] == "0" for one in longer):
+        return True
+    is_dense = 2 * len(counts) >= max(counts) - min(counts)  # as counts are
+    # as few decimal numbers have
+    has_tens = any(one[-1] == "0" for one in places if len(one) > 1)
+    return not is_dense if is_dense == has_tens else None
 
 
 class FolderCamera(PlayedImages):

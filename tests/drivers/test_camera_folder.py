@@ -1,6 +1,7 @@
 """A folder of images as a camera."""
 
 import threading
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -8,7 +9,13 @@ import pytest
 from contracts import TRAIN, CameraContract
 from PIL import Image
 
-from drivers.cameras.image_folder import FolderCamera, find, images_of
+from drivers.cameras.image_folder import (
+    FolderCamera,
+    find,
+    has_known_order,
+    images_of,
+    in_order_of_numbers,
+)
 from drivers.clock import SampleClock
 from drivers.errors import DeviceError, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame
@@ -71,6 +78,30 @@ def test_images_come_in_the_order_of_their_numbers(tmp_path, clock):
     pass_time(clock, 1000)
     for image in images:
         np.testing.assert_array_equal(camera.read(1.0).image, image)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "0.125s 0.25s 0.375s 0.5s 0.625s 1.0s",
+        "9,25N 10,5N",
+        "0.05 0.1 0.15",
+        "F0.10-t0.25 F0.10-t0.5 F0.20-t0.125",
+        "v1.8 v1.9 v1.10 v1.11 v2.1",
+        "run1.98 run1.99 run1.100 run1.101",
+        "img.0001 img.0002 img.0010",
+        "2024.05.01-2 2024.05.01-12 2024.10.01-1",
+    ],
+)
+def test_what_stands_behind_a_point_is_decimal_or_a_count(names):
+    paths = [Path(f"{name}.tif") for name in names.split()]
+    assert has_known_order(paths)
+    assert in_order_of_numbers(reversed(paths)) == paths
+
+
+@pytest.mark.parametrize("names", ["v1.9 v1.11", "0.5 0.10", "1.5 1.100"])
+def test_it_may_be_either(names):
+    assert not has_known_order([Path(f"{name}.tif") for name in names.split()])
 
 
 def test_16_bit_images(tmp_path, clock):

@@ -24,6 +24,18 @@ def table(folder: Path, text: str, *columns: str) -> TextTable:
     return read_table(path, FORCES, TableForm.given(columns))
 
 
+def test_images_whose_order_cannot_be_known_need_a_table(tmp_path: Path) -> None:
+    """Not those of a table that names them."""
+    for name in ("at 0.5", "at 0.10"):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.zeros((64, 64), np.uint8))
+    given = {"pixel_um": 5.0, "frame_rate": 8.0, "rate_hz": 1000}
+    with pytest.raises(UserError, match=r"at 0\.5\.png to at 0\.10\.png: the numbers behind"):
+        understood(Sources(images=[tmp_path], **given))
+    (tmp_path / "metadata.csv").write_text("file\nat 0.10.png\nat 0.5.png\n", encoding="utf-8")
+    found = understood(Sources(images=[tmp_path], overrides=["dic.box=20"], **given)).frames
+    assert [one.path.path.name for one in found] == ["at 0.10.png", "at 0.5.png"]
+
+
 @pytest.mark.parametrize(
     ("cell", "seconds"),
     [
