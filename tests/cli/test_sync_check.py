@@ -70,14 +70,16 @@ def test_an_inverted_exposure_line_is_refused_and_explained_and_the_other_edge_i
     assert write(settings, certificate).parent.name == "certificates"
 
 
-def test_the_lag_is_told_in_milliseconds():
-    """Of exposures two samples after their trigger, at 2500 Hz."""
+def measured(late):
+    """The certificate of a bench whose exposures begin so many samples after their trigger, at 2500
+    Hz.
+    """
     settings = config.load(None, ["camera.divisor=50"])
     firsts = count(0, 100)
 
     def read(timeout_s):
         first = next(firsts)
-        counts = [max(0, n - 2) // 50 + (n >= 2) for n in range(first, first + 100)]
+        counts = [max(0, n - late) // 50 + (n >= late) for n in range(first, first + 100)]
         return SampleBlock(first, np.zeros((100, 2)), np.array(counts))
 
     forces = SimpleNamespace(
@@ -86,8 +88,17 @@ def test_the_lag_is_told_in_milliseconds():
     forces.start, forces.stop, forces.backlog = lambda train: None, lambda: None, lambda: 0
     camera = SimpleNamespace(exposure_samples=25, start=lambda train: None, stop=lambda: None)
     bench = SimpleNamespace(forces=forces, camera=camera, actuator=camera)
-    certificate = measure(settings, bench)
-    assert (certificate.lag_ms, certificate.jitter_ms) == pytest.approx((0.8, 0.0))
+    return measure(settings, bench)
+
+
+def test_the_lag_is_told_in_milliseconds():
+    certificate = measured(1)
+    assert (certificate.lag_ms, certificate.jitter_ms) == pytest.approx((0.4, 0.0))
+
+
+def test_exposures_that_a_run_would_take_for_late_ones_are_refused():
+    with pytest.raises(DeviceError, match=r"0.8 ms after.*or lower forces\.sample_rate"):
+        measured(2)
 
 
 def test_a_broken_wire_is_told_by_name():
