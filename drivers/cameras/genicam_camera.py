@@ -49,6 +49,7 @@ _NEUTRAL: dict[str, Any] = {
     "BinningVertical": 1,
     "DecimationHorizontal": 1,
     "DecimationVertical": 1,
+    **dict.fromkeys(("LineDebouncerTime", "LineDebouncerTimeAbs"), 0.0),  # of the trigger line
 }
 
 
@@ -268,6 +269,11 @@ class GenICamCamera(SetCamera, ABC):
         if s.gain >= 0:
             self._prefer("GainAuto", "Off")
             self._set_gain(s.gain)
+        if s.exposure_line:
+            self._set("LineSelector", s.exposure_line)
+            self._prefer("LineMode", "Output")
+            self._prefer("LineInverter", False)
+            self._set("LineSource", "ExposureActive")
         if s.trigger_line:
             for name in _SHUTTER:
                 self._prefer_one(name, _NEUTRAL[name])
@@ -275,11 +281,6 @@ class GenICamCamera(SetCamera, ABC):
             self._prefer("ExposureMode", "Timed")
             self._set("ExposureTime", s.exposure * 1e6, "ExposureTimeAbs")
             self._set_trigger(s.trigger_line)
-        if s.exposure_line:
-            self._set("LineSelector", s.exposure_line)
-            self._prefer("LineMode", "Output")
-            self._prefer("LineInverter", False)
-            self._set("LineSource", "ExposureActive")
 
     def adjust(self, exposure_s: float, gain_db: float) -> None:
         """See `drivers.protocols.AdjustableCamera.adjust`."""
@@ -310,6 +311,7 @@ class GenICamCamera(SetCamera, ABC):
             self._prefer(name, 0.0)
         self._prefer("LineSelector", line)
         self._prefer("LineMode", "Input")
+        self._prefer("LineInverter", False)
 
     def _set_gain(self, gain: float) -> None:
         """Set the gain in dB; a camera that counts it in steps of its own is set by hand."""

@@ -370,6 +370,8 @@ def test_triggers_during_the_readout_count_where_the_camera_can(make, monkeypatc
     camera._set_trigger("Line1")
     assert [value for n, value in assigned if n == "TriggerOverlap"] == chosen
     assert ("node TriggerMode", "On") in assigned
+    line = [("LineSelector", "Line1"), ("LineMode", "Input"), ("LineInverter", False)]
+    assert assigned[-3:] == [(f"node {name}", value) for name, value in line]
 
 
 def set_by_hand(camera, monkeypatch, held, offered=(), value=None):
@@ -416,8 +418,11 @@ def test_a_global_shutter_is_not_corrected_as_a_rolling_one(make, monkeypatch):
 
 def test_what_changes_the_images_and_was_set_by_hand_is_said(make, monkeypatch):
     held = {"Gamma": 0.45, "TestPattern": "Off", "ReverseX": True, "BinningVertical": 1}
-    said = set_by_hand(make(trigger_line="Line1"), monkeypatch, held)
-    assert said == ", ReverseX = True, Gamma = 0.45"
+    held["LineDebouncerTime"] = 500.0
+    camera = make(trigger_line="Line1", exposure_line="Line2")
+    said = set_by_hand(camera, monkeypatch, held)
+    assert said == ", ReverseX = True, Gamma = 0.45, LineDebouncerTime = 500.0"
+    assert held["LineSelector"] == "Line1"  # whose debouncer it is
 
 
 def test_a_feature_that_cannot_be_read_keeps_no_camera_from_opening(make, monkeypatch):
