@@ -9,6 +9,7 @@ from typing import Any
 
 OPTIONS = [
     ("grpc.enable_http_proxy", 0),
+    ("grpc.max_receive_message_length", -1),  # a second of six channels at 100 kHz has 4.8 MB
     # a server that is frozen, or whose cable is cut, is found between the calls, too
     ("grpc.keepalive_time_ms", 2000),
     ("grpc.keepalive_timeout_ms", 2000),

@@ -30,6 +30,7 @@ from drivers.settings import ForceSettings
 TIMEBASE_HZ = 20_000_000
 WAIT_S = 0.1  # longest single read: `stop` waits so long for one to end
 LAST_SAMPLE = 2**31 - 1  # 24 days at 1 kHz
+MOST_TICKS = 2**31 - 1  # what NI's library takes for a part of a pulse
 WIRINGS = {"differential": "DIFF", "rse": "RSE", "nrse": "NRSE"}
 
 
@@ -232,6 +233,12 @@ class NiForces:
                     "high_ticks": ticks * high,
                     "low_ticks": ticks * (divisor - high),
                 }
+                if max(times.values()) > MOST_TICKS:
+                    raise OutOfLimits(
+                        f"{self.name}: a trigger every {divisor} samples from {first} on was"
+                        f" requested, a part of a pulse takes {MOST_TICKS / TIMEBASE_HZ:.0f} s at"
+                        " most; use a smaller divisor, or forces.trigger = 'digital'"
+                    )
                 counters, timebase = task.co_channels, f"/{s.device}/20MHzTimebase"
                 channel = counters.add_co_pulse_chan_ticks(
                     f"{s.device}/{s.trigger_counter}", timebase, **times

@@ -138,7 +138,14 @@ def test_the_board_sends_the_pulses_that_were_asked(ni, trigger, train, rate):
 
 @pytest.mark.parametrize(
     ("trigger", "train"),
-    [("digital", (42, 42)), ("digital", (0, 1)), ("counter", (0, 1)), ("counter", (-1, 9))],
+    [
+        ("digital", (42, 42)),
+        ("digital", (0, 1)),
+        ("counter", (0, 1)),
+        ("counter", (-1, 9)),
+        ("counter", (0, 220_000)),
+        ("counter", (0, 450_000)),
+    ],
 )
 def test_a_train_that_can_not_be_made_is_refused(ni, trigger, train):
     forces = ni.emulated(trigger=trigger)
@@ -198,6 +205,15 @@ def test_the_backlog_reaches_to_the_newest_sample(ni):
     assert size > 50
     forces.stop()
     assert forces.backlog() == 0
+
+
+def test_a_second_of_many_channels_is_read_at_once(ni):
+    auxiliary = tuple(f"input{n} ai{n} V" for n in range(2, 6))
+    forces = ni.emulated(sample_rate=100_000, auxiliary=auxiliary)
+    forces.open()
+    forces.start(TriggerTrain(0, 12_500))
+    forces._waiting = 100_000  # as `backlog` has found them
+    assert forces.read(20.0).auxiliary.shape == (100_000, 4)
 
 
 @pytest.mark.parametrize(("at", "gap"), [(500, (500, 300)), (520, (500, 320)), (0, (0, 300))])
