@@ -24,8 +24,7 @@ class TextStage:
 
     def __init__(self, settings: ActuatorSettings, clock: SampleClock) -> None:
         del clock  # a stage needs no samples
-        self.travel_limits_m = settings.travel
-        self.velocity_limit_m_s = settings.max_velocity
+        self.travel_limits_m, self.velocity_limit_m_s = settings.travel, settings.max_velocity
         self._port, self._baud = settings.port, settings.baud or 115200
         self._line: Any = None
         self._lock = threading.RLock()  # `stop` comes from any thread
@@ -76,21 +75,22 @@ class TextStage:
     def close(self) -> None:
         """Stop, and let go of the port."""
         if self._line is not None:
-            self.stop()
-            self._line.close()
-            self._line = None
+            try:
+                self.stop()
+            finally:
+                with self._lock:  # no other thread is in the middle of a question
+                    self._line.close()
+                    self._line = None
 
     def _send(self, command: str, form: str = "") -> str:
         """Send a command; its answer, a line of that form, where it has one."""
-        answer = ""
         with self._lock:
             if self._line is None:
                 raise DeviceFault(f"{self.name}: it is not open; open it first")
             try:
                 self._line.read(self._line.in_waiting)  # what came too late answers nothing
                 self._line.write(f"{command}\n".encode() if command else b"")
-                if form:
-                    answer = self._line.readline().decode("ascii", "replace")
+                answer = self._line.readline().decode("ascii", "replace") if form else ""
             except OSError as error:
                 raise DeviceFault(f"{self.name}: its line is dead ({error}); check it") from error
         if form and not re.fullmatch(form + r"\r?\n", answer):  # readline may give a piece

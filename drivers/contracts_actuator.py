@@ -9,6 +9,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from drivers.answers import check_moves, check_position
@@ -218,6 +219,14 @@ def _a_dead_line_is_a_device_error(actuator: Actuator, cut: Callable[[], None]) 
         except Exception as error:
             found = f"{what}() with its line cut raises {named(error)}"
             raise BrokenContract(f"{found}; a driver raises DeviceError only") from error
+    try:
+        with suppress(DeviceError):
+            actuator.close()
+        actuator.close()
+    except Exception as error:
+        found = f"close() with its line cut raises {named(error)}"
+        cure = "the first lets go of the port, even if stop() fails, and a second does nothing"
+        raise BrokenContract(f"{found}; {cure}") from error
 
 
 def cut_line(device: object) -> None:

@@ -96,6 +96,16 @@ def test_what_is_not_there_is_told(text_stage, actuator, line):
         actuator.position_m()
 
 
+def test_a_port_whose_line_is_dead_is_let_go(actuator, line):
+    actuator.open()
+    port = actuator._line
+    line.cut()
+    with pytest.raises(DeviceFault, match="its line is dead"):
+        actuator.close()
+    assert not port.is_open
+    actuator.close()
+
+
 @pytest.mark.parametrize("came", [b"1250", b"1?500.000\r\n", b"1\r\n", b""])
 def test_an_answer_of_another_form_or_a_piece_of_one_is_no_position(actuator, line, came):
     actuator.open()

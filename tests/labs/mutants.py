@@ -76,6 +76,16 @@ class SilentStop(ZaberStage):
             super().stop()
 
 
+class KeptPort(ZaberStage):
+    """It keeps its port where it cannot be stopped."""
+
+    def close(self):
+        if self._line is not None:
+            self.stop()
+            self._line.close()
+            self._line = None
+
+
 class Millimetres(ZaberStage):
     """Its positions are in millimetres."""
 

@@ -1,10 +1,17 @@
 """Drivers that `slipscope check-driver` can hardly try."""
 
 import json
+import os
 import threading
+import time
 from types import SimpleNamespace
 
-from app.cli.check_driver import check_driver
+import pytest
+from labs.zaber_emulator import ZaberEmulator
+
+from app.cli.check_driver import check, check_driver
+from app.settings import config
+from drivers.emulators.serial_line import SerialLine
 
 
 def checked(capsys, source):
@@ -12,6 +19,18 @@ def checked(capsys, source):
     code = check_driver(source, (), move=False, as_json=True)
     said = json.loads(capsys.readouterr().out)
     return code, {one["name"]: one["found"] for one in said["contracts"] if not one["is_fine"]}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="the line is cut as an open file")
+def test_a_stage_that_keeps_its_dead_port_is_named():
+    line = SerialLine(ZaberEmulator(time.monotonic))
+    over = ["actuator.source=labs.mutants:KeptPort", f"actuator.port={line.start()}"]
+    how = {"move": False, "pass_time": time.sleep, "only": ["a dead line is a device error"]}
+    try:
+        (finding,) = check("actuator", config.load(None, over), **how)
+    finally:
+        line.cut()
+    assert "the first lets go of the port, even if stop() fails" in finding.found
 
 
 class Unmade(SimpleNamespace):
