@@ -332,11 +332,9 @@ def test_the_stiffness_is_the_pressure_over_the_length(results: StudyResults) ->
 
 
 def test_the_noise_of_a_box_is_stated_where_boxes_as_large_and_as_small_were_measured() -> None:
-    noise = exact.run_of(0.1).noise  # at 10, 20 and 40 px
-    found = {}
+    run_of, found = exact.run_of(0.1), {}  # its noise was measured at 10, 20 and 40 px
     for box in (8, 10, 20, 40, 50):
-        held: Any = SimpleNamespace(noise=noise, summary=None, contact=None)
-        run = FigureRun(held, None)
+        run = FigureRun(run_of, None)
         vars(run)["config"] = SimpleNamespace(dic=SimpleNamespace(box=box))
         found[box] = run.noise_px
     expected = dict(zip(found, [math.nan, 0.012, 0.006, 0.003, math.nan], strict=True))
