@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import in_step
-from analysis.robust import robust_sd
+from analysis.robust import robust_sd, serial_correlation, serial_sum
 
 MIN_FRAMES = 8
 OUTLYING = 4.0  # robust standard deviations
@@ -116,7 +116,6 @@ def balance_modulus(
         scale = max(1.0, robust_sd(residual))
         kept, keep = keep, np.abs(residual) < OUTLYING * scale
     spread = float(weight @ (dx * dx))
-    scores = (weight * dx * (y - offset - slope * x))[keep]
     frame_sd = float(np.sqrt(len(x) / weight.sum())) * scale
     frames, outliers = int(keep.sum()), int((~keep).sum())
     why = ""
@@ -126,9 +125,8 @@ def balance_modulus(
         why = f"stress and force have opposite signs (slope {slope:.3g}); check the sign of Q"
     if why:
         return Modulus(frames=frames, outliers=outliers, notes=(f"modulus: {why}",))
-    power = float(scores @ scores) or 1.0  # 0 where no frame is off the line
-    shared = max(1.0, 1 + 2 * float(scores[1:] @ scores[:-1]) / power)
-    slope_sd = scale * np.sqrt(shared / spread)
+    correlation = serial_correlation(residual[keep], 2)
+    slope_sd = scale * np.sqrt(serial_sum((np.sqrt(weight) * dx)[keep], correlation)) / spread
     E = slope * E_supposed
     notes: tuple[str, ...] = ()
     if not np.array_equal(kept, keep):

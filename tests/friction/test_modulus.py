@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from friction import elasto_plastic_world as world
+from scipy.signal import lfilter
 
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import balance_modulus
@@ -53,6 +54,17 @@ def test_errors_that_frames_share_widen_the_uncertainty():
     plain = balance_modulus(integral, 1e-3, Q, SUPPOSED)
     slow = balance_modulus(integral + 3e-3 * np.sin(np.arange(FRAMES) / 4), 1e-3, Q, SUPPOSED)
     assert slow.E_sd > 2 * plain.E_sd
+
+
+def test_errors_that_last_over_many_frames_are_in_the_uncertainty():
+    true_q, pulls = 0.465 * np.minimum(np.arange(200) / 130, 1), []
+    for seed in range(100):
+        slow, quick = np.random.default_rng(seed).normal(size=(2, 300))
+        slow = 1e-3 * lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], slow)[100:]
+        integral, Q = SUPPOSED / E * true_q + slow, true_q + 1e-4 * quick[100:]
+        modulus = balance_modulus(integral, 1e-3, Q, SUPPOSED, Q_sd=1e-4)
+        pulls.append((modulus.E - E) / modulus.E_sd)
+    assert 0.8 < np.sqrt(np.mean(np.square(pulls))) < 1.3
 
 
 def test_inverted_displacements_give_the_modulus():
