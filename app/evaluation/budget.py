@@ -243,6 +243,7 @@ def _snapshot(
             moved(rings.ux_m, rings.radius_m),
             rings.sd_m * length,
         ),
+        traction=s.traction and replace(s.traction, block_m=moved(s.traction.block_m)),
     )
 
 

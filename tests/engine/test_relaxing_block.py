@@ -75,6 +75,18 @@ def test_a_frame_without_a_traction_does_not_tell_where_the_centre_would_be() ->
     np.testing.assert_allclose(later, centre[31:], atol=2e-9)
 
 
+def test_what_an_input_does_to_the_picture_it_does_to_the_block_far_away_too() -> None:
+    frames, centre = drive()
+    time = np.array([s.conditions.time_s for s in frames])
+    for changed, expected in (
+        ({"length": 1.01}, 1.01 * centre),
+        ({"creep": 1e-8}, centre - 1e-8 * time),
+    ):
+        found = Measured(KNOWN, frames, None).given(**changed).without_relaxation().drive
+        now = np.array([s.motion.centre_ux_m for s in found])
+        np.testing.assert_allclose(now, expected, atol=2e-9)
+
+
 def test_a_block_that_relaxes_is_told_unless_it_is_known() -> None:
     frames, _ = drive()
     (told,) = (n for n in readings(BLIND, frames, frames, frames).notes if "pictures show" in n)
