@@ -67,6 +67,12 @@ def test_a_slow_loss_is_none_of_one_picture():
     assert after(*(snapshot(n, decorrelated=2 * n) for n in range(40))).pictures == 0
 
 
+def test_points_that_are_found_little_by_little_are_not_lost():
+    """As while the focus is set: the fewest come before the most."""
+    found = after(*(snapshot(n, low_contrast=38 - 2 * n) for n in range(20)))
+    assert (found.most, found.least, found.fading) == (1.0, 1.0, "")
+
+
 def test_points_that_are_lost_little_by_little_are_told_though_no_picture_is_damaged():
     """As where the focus drifts: each frame shows nearly as much as the one before."""
     damage = after(*(snapshot(n, decorrelated=3 * n) for n in range(12)))

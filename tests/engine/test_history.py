@@ -139,6 +139,7 @@ def test_of_a_long_drive_the_beginning_is_kept(monkeypatch):
     for first in range(0, 2000, 10):
         history.append(first, np.full((10, 2), float(first)), 0.0, first + 10)
     assert len(history.drive_forces(2000).time_s) == 503
+    assert sum(map(len, history._driven)) == 510  # so that the memory of a run of days is bounded
 
 
 class GivenForces(Exception):
