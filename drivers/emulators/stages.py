@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from drivers.sim.devices import ENCODER_M, TRAVEL_M
+from drivers.sim.devices import ENCODER_M, drive, place_m
 from drivers.sim.world import World
 
 POSITIVE_END, FOLLOWING_ERROR = 0x02, 0x20  # error bits
 ENCODER_MM = ENCODER_M * 1e3
-_FIRST_COUNT = round(TRAVEL_M / 2 / ENCODER_M)
 
 
 class WorldStage:
@@ -23,10 +22,7 @@ class WorldStage:
     def move(self, target: float, velocity: float, acceleration: float) -> None:
         """Drive the block; raises `OutOfLimits` if the world does not model the move."""
         self._velocity, self._held_since = velocity, None
-        if abs(target - self.position()) < ENCODER_MM / 2:
-            self._world.halt()
-        else:
-            self._world.move(target * 1e-3 - _FIRST_COUNT * ENCODER_M, velocity * 1e-3)
+        drive(self._world, target * 1e-3, velocity * 1e-3)
 
     def halt(self, acceleration: float) -> None:
         """Stand still from this sample on."""
@@ -34,7 +30,7 @@ class WorldStage:
 
     def position(self) -> float:
         """Position by the encoder, in whole counts."""
-        return (_FIRST_COUNT + round(self._world.stage_m() / ENCODER_M)) * ENCODER_MM
+        return place_m(self._world) * 1e3
 
     def is_moving(self) -> bool:
         """Whether the controller has not reached the end of the move yet."""

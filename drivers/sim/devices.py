@@ -243,6 +243,19 @@ class SimCamera:
         self._is_open = False
 
 
+def place_m(world: World) -> float:
+    """Position of the stage that its encoder reads now."""
+    return (_FIRST_COUNT + round(world.stage_m() / ENCODER_M)) * ENCODER_M
+
+
+def drive(world: World, position_m: float, velocity_m_s: float) -> None:
+    """Send the stage to a position; raises `OutOfLimits` if the world does not model the move."""
+    if math.isclose(position_m, place_m(world), rel_tol=0, abs_tol=ENCODER_M / 2):
+        world.halt()
+    else:
+        world.move(position_m - _FIRST_COUNT * ENCODER_M, velocity_m_s)
+
+
 class SimActuator:
     """The simulated stage: bounded moves, slightly slower than the nominal velocity, and an encoder
     of 35 nm.
@@ -291,15 +304,12 @@ class SimActuator:
         """
         self._check_line()
         check_target(self.name, position_m, self.travel_limits_m)
-        if math.isclose(position_m, self.position_m(), rel_tol=0, abs_tol=ENCODER_M / 2):
-            self._world.halt()
-        else:
-            self._world.move(position_m - _FIRST_COUNT * ENCODER_M, self._velocity)
+        drive(self._world, position_m, self._velocity)
 
     def position_m(self) -> float:
         """Position that the encoder reads now."""
         self._check_line()
-        return (_FIRST_COUNT + round(self._world.stage_m() / ENCODER_M)) * ENCODER_M
+        return place_m(self._world)
 
     def is_moving(self) -> bool:
         """Whether a move is under way."""
