@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.arrays import F64, floats
-from analysis.inversion.material import evened
 from analysis.undistorted import ideal_displacement, ideal_places
 from app.records.record_types import DisplacementField
 from app.settings.sections import Config
@@ -22,6 +21,8 @@ def undistorted(
     lens, across, down = (config.camera.distortion, config.camera.shape), x_px, y_px[:, None]
     if not config.camera.distortion:
         return ux, uy, ux_sd, uy_sd
+    from analysis.inversion.material import evened  # with scipy, which a table of fields spares
+
     x, y = ideal_places(across, down, *lens)
     off = np.stack([y - down, x - across]) / (x_px[1] - x_px[0])
     ux, uy = ideal_displacement(across, down, ux, uy, *lens)
