@@ -8,12 +8,24 @@ from analysis.arrays import F64, Array
 
 MOST_CORRELATED = 0.95
 HUBER = 3.0
+LAST_BITS = 4.0  # by which rounded numbers may be off what they were rounded to
 SCALED = 1.4826  # sd of Gaussian noise over its median absolute deviation
 
 
 def robust_sd(deviations: Array) -> float:
     """Standard deviation of the values about 0, from their median absolute value."""
     return SCALED * float(np.median(np.abs(deviations)))
+
+
+def rounding_step(values: F64, per_unit: Array) -> float:
+    """The step to which values, shape (n,), are rounded: the first of the fractions 1/`per_unit` of
+    which all are whole multiples; 0 where they are of none.
+    """
+    least = LAST_BITS * np.spacing(np.abs(values).max(initial=0.0))
+    for value in values:
+        steps = value * per_unit
+        per_unit = per_unit[np.abs(steps - np.rint(steps)) <= least * per_unit]
+    return 1 / float(per_unit[0]) if per_unit.size else 0.0
 
 
 def huber_fit(

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from analysis.arrays import F64, Bool, all_floats, floats
+from analysis.robust import rounding_step
 
 FEWEST, FEWEST_LEVELS, FEWEST_FREE = 8, 3, 3  # readings, different loads, degrees of freedom
 CHANCE = 1e-3  # that a good set of readings loses one as an outlier
@@ -28,7 +29,7 @@ WALKS = (0.0, *np.geomspace(0.03, 3e3, 11).tolist())
 PRIOR = np.array([1.0, *[1 / (len(WALKS) - 1)] * (len(WALKS) - 1)])  # none, or some: as likely
 ONE_SIDE = 0.8413447460685429  # probability below one standard deviation
 ROUNDING = 1e-9  # of the readings' span
-DECIMALS = 3, 6  # of readings that were written down, the fewest that are believed and the most
+DECIMALS = 10.0 ** np.arange(2, 7)  # of readings that were written down, those that are believed
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +233,7 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
     # readings that are equal were rounded by the same
     each, alike = np.linalg.pinv(columns[used]), np.unique(y[used], return_inverse=True)[1]
     shared = each @ np.eye(len(alike))[alike]
-    rounded = _last_digit(y) ** 2 / 12 * shared @ shared.T
+    rounded = rounding_step(y, DECIMALS) ** 2 / 12 * shared @ shared.T
     half, middle = (high - low) / 2, (high + low) / 2
     u0 = -middle / half  # of nothing
 
@@ -251,15 +252,6 @@ def response(x: F64, y: F64, t: F64) -> SensorResponse:
         residual=np.asarray(y - columns @ at - np.interp(tau, tau[used], wander)),
         is_used=used,
     )
-
-
-def _last_digit(y: F64) -> float:
-    """The step of numbers that were written with few decimals; 0 of others."""
-    fewest, most = DECIMALS
-    for decimals in range(fewest, most + 1):
-        if np.abs(y - np.round(y, decimals)).max() <= ROUNDING * 10.0**-decimals:
-            return 10.0**-decimals
-    return 0.0
 
 
 def _branch(x: F64) -> F64:

@@ -20,6 +20,7 @@ from scipy.special import chdtrc, ndtr
 from analysis.arrays import F64, all_floats, floats, in_step
 from analysis.calibration.serial_fit import LEAST_READINGS, SerialFit, serial_fit
 from analysis.mechanics.hertz import check
+from analysis.robust import rounding_step
 
 MIN_EXPOSURES = 10
 MOST_ODD = 0.05  # share of the exposures that are far from the others
@@ -31,8 +32,9 @@ LEAST_BINS = 8
 HANN = 1.944  # frequencies that a Hann window makes one of
 MOST_CHI2 = 4.0  # of the phases about a straight line
 STAMP_S = 1e-6  # resolution of a camera's times, where they scatter by less
-# of times that a computer took or a table holds; by so many last bits a rounded one may be off
-COARSE_STAMPS_S, ROUNDING = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5), 4.0
+# of coarser clocks, per second, those first that are taken where several fit: of decimals, of
+# Windows (64), of the buses of cameras (8000 and 90000)
+TICKS = np.array([10.0, 100, 1000, 64, 8000, 1e4, 9e4, 1e5])
 PARTS, UNLIKELY = 8, 1e-4  # of a record, whose drifts differ so much by chance
 LARGEST_DRIFT = 1e-2  # of two clocks: beyond it one rate is not what it was taken for
 
@@ -281,7 +283,7 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
         )
     from_start = stamps - np.nanmin(stamps) if np.isfinite(stamps).any() else stamps
     ahead = from_start - (board - board[0])
-    step = _decimal_step(stamps)
+    step = max(STAMP_S, rounding_step(stamps[np.isfinite(stamps)], TICKS))
     drift, sd, fit = _drift(board, ahead, step)
     if abs(drift) > LARGEST_DRIFT:
         raise ValueError(
@@ -291,16 +293,6 @@ def clock_drift(samples: ArrayLike, stamps_s: ArrayLike, sample_rate_hz: float) 
     wander = _wander(board[fit.is_used], ahead[fit.is_used], step)
     furthest = float(np.abs(fit.residual).max())
     return ClockDrift(drift, math.hypot(sd, wander), furthest, wander)
-
-
-def _decimal_step(stamps: F64) -> float:
-    """The coarsest decimal place, s, to which all stamps are rounded; `STAMP_S` of finer ones."""
-    known = stamps[np.isfinite(stamps)]
-    if not known.size:
-        return STAMP_S
-    least = ROUNDING * float(np.spacing(np.abs(known).max()))
-    whole = (s for s in COARSE_STAMPS_S if np.abs(known - s * np.round(known / s)).max() < least)
-    return float(next(whole, STAMP_S))
 
 
 def _drift(board: F64, ahead: F64, step: float) -> tuple[float, float, SerialFit]:

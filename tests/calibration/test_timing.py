@@ -110,7 +110,7 @@ def test_what_are_no_two_clocks_is_refused():
         clock_drift(np.zeros(50), np.zeros(50), RATE)
 
 
-@pytest.mark.parametrize("step", [1e-4, 1e-3])
+@pytest.mark.parametrize("step", [1e-4, 1e-3, 1 / 64])
 def test_stamps_of_a_coarse_step_tell_a_drift_no_better_than_that_step(step):
     off = []
     for seed in range(SEEDS // 2):
@@ -118,6 +118,6 @@ def test_stamps_of_a_coarse_step_tell_a_drift_no_better_than_that_step(step):
         drift, sample = rng.uniform(-4e-6, 4e-6), np.arange(0, 100_000, 250)
         stamp = 17.0 + rng.uniform(0, 1) + (1 + drift) * sample / RATE
         found = clock_drift(sample, np.round(stamp / step) * step, RATE)
-        assert found.sd < 1e-4
+        assert found.sd < max(1e-4, 0.02 * step)
         off.append((found.drift - drift) / found.sd)
     assert np.abs(off).max() < 3
