@@ -101,6 +101,25 @@ def test_a_jog_that_nobody_holds_ends_when_its_time_is_over(clock):
             stage.hold(1, 10 * UM)
 
 
+def test_a_stop_that_has_not_returned_yet_wins_over_a_jog_that_begins():
+    stage = jogged(actuator := Stage())
+    is_sent, may_return, stop = threading.Event(), threading.Event(), actuator.stop
+
+    def slow_stop():
+        stop()
+        is_sent.set()
+        assert may_return.wait(30)
+
+    def stopped_meanwhile(velocity):
+        threading.Thread(target=stage.stop_now).start()
+        assert is_sent.wait(30)
+
+    actuator.stop, actuator.set_velocity = slow_stop, stopped_meanwhile
+    stage.hold(1, 10 * UM)
+    assert actuator.targets == []
+    may_return.set()
+
+
 def test_a_stop_that_fails_is_tried_until_it_is_taken():
     actuator = Stage(failing=3)
     stage = jogged(actuator)

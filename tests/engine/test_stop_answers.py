@@ -261,6 +261,14 @@ def test_slow_stages_are_given_the_way_of_their_velocity():
     assert stage.stop_answer.kind is Stop.AT_REST
 
 
+def test_a_stage_that_needs_a_while_to_come_to_rest_is_at_rest():
+    stage, ending = stage_of(actuator := Actuator())
+    ending.call("enough", failed=False)
+    actuator.stopped_at += 0.4
+    stage.confirm_stop()
+    assert stage.stop_answer.kind is Stop.AT_REST
+
+
 def test_a_stop_that_was_refused_is_sent_again_while_the_position_is_read():
     stage, ending = stage_of(actuator := Actuator())
     actuator.refuses = "stage X: the line is noisy"
