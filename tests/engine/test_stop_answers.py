@@ -65,7 +65,7 @@ class Actuator:
         self.calls.append("position")
         if self.is_cut:
             raise DeviceTimeout(self.is_cut)
-        until = self.clock.now if self.stopped_at is None else self.stopped_at
+        until = min(self.clock.now, self.clock.now if self.stopped_at is None else self.stopped_at)
         return 12.5e-3 + 5e-6 * (until - self.began)
 
     def is_moving(self):
