@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from analysis.arrays import F32, F64, I32, U8, Bool
+from analysis.arrays import F32, F64, U8, Array, Bool
 from analysis.dic.status import LOW_CONTRAST, MASKED, OK
 from analysis.dic.threads import Rows
 from analysis.kernels import compiled
@@ -32,14 +32,14 @@ def filled(field: F64, valid: Bool) -> F64:
 
 
 @compiled
-def neighbour_median(shift: I32, valid: Bool, least: int) -> tuple[I32, Bool]:
+def neighbour_median(shift: Array, valid: Bool, least: int) -> tuple[Array, Bool]:
     """Median displacement (2, ny, nx) of the valid points among the 8 neighbours of each point, and
     where at least `least` of them are valid; 0 elsewhere.
     """
     _, ny, nx = shift.shape
     median = np.zeros_like(shift)
     known = np.zeros((ny, nx), np.bool_)
-    near = np.empty(8, np.int32)
+    near = np.empty(8, shift.dtype)
     for axis in range(2):
         for i in range(ny):
             for j in range(nx):

@@ -168,6 +168,9 @@ class SharedPasses:
         )
         return prepared, pixels, contrast
 
+    def forget(self, points: Bool) -> None:
+        """See `Refiner`: nothing is kept from one image to the next."""
+
     def refine(
         self,
         image: Array,

@@ -44,6 +44,10 @@ class SeparatePoints:
         self._shape, self._threads = reference.grid.shape, reference.threads
         self._last = np.zeros((6, *self._shape))
 
+    def forget(self, points: Bool) -> None:
+        """See `Refiner`: their gradients start from 0."""
+        self._last[:, points] = 0.0
+
     def refine(
         self,
         image: Array,

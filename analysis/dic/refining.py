@@ -44,6 +44,7 @@ ALMOST_SURE = 0.95  # a correlation that is enough however small the box
 MOSTLY_NOISE = 0.3
 LEAST_USABLE = 0.5  # share of the pixels of a box
 PROBE = 6  # every so many points along both axes are tried first where points are refined singly
+ODD_PX, ODD_SDS = 0.5, 5.0  # from the neighbours, in px and in standard uncertainties
 REPAIRS = 3  # rounds at most in which lost points start from their neighbours
 FULL_SCALE = {"uint8": 255.0, "uint16": 65535.0}
 
@@ -69,6 +70,9 @@ class Refiner(Protocol):
         other, all of `points` are refined (None: of the grid), in `most_passes` (0: as it needs).
         """
 
+    def forget(self, points: Bool) -> None:
+        """Start these points next without what was found there last, but for their start."""
+
 
 MakeRefiner = Callable[[ReferenceImage, TextureCorrelation], Refiner]
 
@@ -78,8 +82,9 @@ class Refinement:
     lost.
 
     Every image starts from the field before and its change since the one before that. Lost points
-    start again from the points around them; if many of the points that were followed are lost at
-    once, all are searched for in reduced images. Lost points are tried again in every image. A
+    start again from the points around them, and so do points that are refined singly and differ
+    from these; if many of the points that were followed are lost at once, all are searched for in
+    reduced images. Lost points are tried again in every image. A
     point is OK only if its correlation is higher than chance explains (at a level of 1e-4, given
     the number of grains of the texture in a box) and a neighbour agrees with it.
 
@@ -156,6 +161,8 @@ class Refinement:
         if self._may_be_fine and self._are_few(found):
             found = self._with_fine_texture(image, found, before)
         found = self._repaired(image, found)
+        if not self._refiner.is_shared:
+            found = self._with_odd_points(image, found)
         if self._repetition is not None:
             found = self._repetition.judged(found, before, partial(self._refined, image))
         found.reject_lonely(self._grid, self._threads)
@@ -207,6 +214,19 @@ class Refinement:
             if found.is_ok.sum() <= ok.sum():
                 break
         return found
+
+    def _with_odd_points(self, image: Array, found: Estimate) -> Estimate:
+        """The estimate after another try of points that disagree with their neighbours."""
+        return found.retried(
+            np.where(found.is_ok, found.u, 0.0),
+            np.maximum(ODD_PX, ODD_SDS * found.std),
+            partial(self._refined_anew, image),
+            with_lost=False,
+        )
+
+    def _refined_anew(self, image: Array, start: F64, wanted: Bool) -> Estimate:
+        self._refiner.forget(wanted)
+        return self._refined(image, start, wanted)
 
     def _searched(self, image: Array, before: F64) -> F64:
         """A first guess for the image from a search in reduced images; where the pattern repeats

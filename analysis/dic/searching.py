@@ -16,9 +16,8 @@ from analysis.dic.repeating import Repetition, remarks_of
 from analysis.dic.spectrum import gradient, interpolation, texture
 from analysis.dic.status import DECORRELATED, MASKED, NOT_CONVERGED
 from analysis.dic.threads import Rows
-from analysis.dic.tracker import Estimate, ReferenceImage, agreement_px
+from analysis.dic.tracker import SUPPORT, Estimate, ReferenceImage, agreement_px
 
-SUPPORT = 3  # valid neighbours that make their median worth starting from
 NEAR = 4  # half-width of the search of a lost point whose neighbours are known
 SHIFT = 0.25  # px; the displacement of the reference that shows its scatter
 
@@ -176,19 +175,18 @@ class DirectSearch:
             return found
         median, known = neighbour_median(_shift(found), found.is_ok, SUPPORT)
         radius = np.where(lost, np.where(known, NEAR, self._search), -1)
-        return _improved(found, self._matched(np.where(known, median, start), radius), lost)
+        return found.improved(self._matched(np.where(known, median, start), radius), lost)
 
     def _with_odd_points(self, found: Estimate) -> Estimate:
         """The estimate after another try of points that are lost or disagree with their neighbours,
         from the neighbours' median.
         """
-        shift = _shift(found)
-        median, known = neighbour_median(shift, found.is_ok, SUPPORT)
-        differs = (np.abs(shift - median) > agreement_px(self._grid)).any(axis=0)
-        odd = known & (~found.is_ok | differs)
-        if not odd.any():
-            return found
-        return _improved(found, self._matched(median, np.where(odd, 0, -1)), odd)
+        return found.retried(
+            _shift(found),
+            agreement_px(self._grid),
+            lambda median, odd: self._matched(median, np.where(odd, 0, -1)),
+            with_lost=True,
+        )
 
 
 def _whole(u_px: F64) -> I32:
@@ -198,8 +196,3 @@ def _whole(u_px: F64) -> I32:
 def _shift(found: Estimate) -> I32:
     """Displacements in whole pixels, 0 where the point is not OK."""
     return np.rint(np.where(found.is_ok, found.u, 0)).astype(np.int32)
-
-
-def _improved(found: Estimate, other: Estimate, tried: Bool) -> Estimate:
-    """`found`, with those of the points tried again that were lost or now correlate better."""
-    return found.replaced(other, tried & (~found.is_ok | (other.zncc > found.zncc)))

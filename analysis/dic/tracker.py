@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -9,12 +10,13 @@ import numpy as np
 
 from analysis.arrays import F64, U8, Array, Bool
 from analysis.dic.field import Field, Tracker
-from analysis.dic.neighbours import contradicted, filled
+from analysis.dic.neighbours import contradicted, filled, neighbour_median
 from analysis.dic.status import DECORRELATED, OK
 from analysis.dic.threads import Threads
 from analysis.grid import Grid
 
 BRIGHTEST = 1e12  # grey level, of which single precision holds sums of squares
+SUPPORT = 3  # valid neighbours that make their median worth starting from
 MAX_START_PX = 1e5  # no search starts further away
 
 
@@ -65,6 +67,27 @@ class Estimate:
         """This estimate, with the points `where` taken from another one."""
         names = [field.name for field in fields(self)]
         return Estimate(*(np.where(where, getattr(other, n), getattr(self, n)) for n in names))
+
+    def retried(
+        self,
+        shift: Array,
+        most_px: Array | float,
+        search: Callable[[Array, Bool], Estimate],
+        *,
+        with_lost: bool,
+    ) -> Estimate:
+        """This estimate after another `search` of the points whose `shift` is more than `most_px`
+        from the median of their neighbours, and of lost ones if they are to be tried as well: from
+        that median, shape (2, ny, nx); what is OK is replaced only where it correlates better.
+        """
+        median, known = neighbour_median(shift, self.is_ok, SUPPORT)
+        differs = (np.abs(shift - median) > most_px).any(axis=0)
+        odd = known & np.where(self.is_ok, differs, with_lost)
+        return self.improved(search(median, odd), odd) if odd.any() else self
+
+    def improved(self, other: Estimate, tried: Bool) -> Estimate:
+        """This one, with those of the points tried again that were lost or now correlate better."""
+        return self.replaced(other, tried & (~self.is_ok | (other.zncc > self.zncc)))
 
     def reject_lonely(self, grid: Grid, threads: Threads) -> None:
         """Mark points with which no neighbour agrees, to 2 px or 20 % of the step, DECORRELATED.

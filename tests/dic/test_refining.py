@@ -51,6 +51,16 @@ def test_a_cold_start_and_a_jump_of_40_px_find_the_whole_field(method: str) -> N
         assert (tracker.track(reference).status[stays] == Status.OK).all()
 
 
+def test_single_boxes_do_not_stay_where_a_jump_has_led_them_astray() -> None:
+    pattern = Speckle((300, 400), seed=15)
+    tracker = tracker_at_rest(pattern.image(noise=0.5, seed=1), method="icgn")
+    for seed in (2, 3):
+        field = tracker.track(pattern.image(3.3, noise=0.5, seed=seed))
+        ok = field.status == Status.OK
+        assert ok.mean() > 0.99
+        assert np.abs(field.ux_px[ok] - 3.3).max() < 0.1
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("gain", "offset"), [(1, 20), (0.5, 60), (1.9, -20)])
 def test_light_level_and_contrast_are_no_displacement(
