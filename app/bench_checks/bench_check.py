@@ -85,6 +85,13 @@ def check(
         found = f"{path.name}, {one.age('days old')}, due on {one.due}"
         advice = f"repeat `slipscope calibrate {one.what}`" if one.is_due else ""
         yield Checked(f"calibration {one.what}", found, not one.is_due, advice=advice)
+        for kind, mine in zip(("forces", "camera", "actuator"), config.sources, strict=True):
+            theirs = one.bench.get(kind, mine)
+            if theirs != mine and any(key.startswith(f"{kind}.") for key in one.settings):
+                what = f"{path.name} is of {kind}.source = {theirs}, this bench has {mine}"
+                yield problem(
+                    f"calibration {one.what}", what, f"calibrate {one.what} on this bench"
+                )
     try:
         pattern_of(config)
     except ConfigError as error:

@@ -180,7 +180,9 @@ def _plain(value: Any) -> Any:
 
 
 def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, Any]:
-    """When and of what bench the data are, the oldest of them, and the files with their SHA-256."""
+    """When the oldest of the data were made, of what bench the first session is, and the files with
+    their SHA-256.
+    """
     from app.session.versions import versions
 
     of_all: list[dict[str, Any]] = []
@@ -201,9 +203,10 @@ def _about(calibration: Calibration[Any], sources: Sequence[Path]) -> dict[str, 
         else:
             of_all.append({"made": _written(path)})
         read[str(path) if path.name in read else path.name] = _digest(path)
-    latest = {"made": now()}
-    oldest = min(of_all, key=lambda one: datetime.fromisoformat(one["made"]), default=latest)
-    return {**oldest, "sources": read, "program": versions().get("slipscope", "")}
+    made = min((one["made"] for one in of_all), key=datetime.fromisoformat, default=now())
+    bench = next((one for one in of_all if "bench" in one), {})
+    program = versions().get("slipscope", "")
+    return {**bench, "made": made, "sources": read, "program": program}
 
 
 def _written(path: Path) -> str:

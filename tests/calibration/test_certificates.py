@@ -256,7 +256,8 @@ def test_a_missing_certificate_is_named(tmp_path):
 
 def test_an_old_calibration_is_due(tmp_path):
     made = datetime.now(UTC) - timedelta(days=100, hours=1)
-    old = written(tmp_path / "old.zip", certificate(made=made.isoformat()))
+    other = {"forces": "ni", "camera": "basler", "actuator": "sim"}
+    old = written(tmp_path / "old.zip", certificate(made=made.isoformat(), bench=other))
     fresh = written(
         tmp_path / "fresh.zip", certificate(made=(made + timedelta(days=1)).isoformat())
     )
@@ -268,6 +269,8 @@ def test_an_old_calibration_is_due(tmp_path):
     assert json.loads(listed.stdout)[str(old)]["due"] == due
     checked = call("check", "--set", naming(old))
     assert "look   calibration stiffness: old.zip, 100 days old" in checked.stdout
+    assert "old.zip is of forces.source = ni, this bench has sim; calibrate" in checked.stdout
+    assert "camera.source = basler" not in checked.stdout  # of which it sets nothing
 
 
 def test_a_calibration_from_the_future_is_due(tmp_path):
@@ -340,6 +343,15 @@ def test_the_data_are_as_old_as_the_oldest_file(speed, tmp_path):
         os.utime(path, (seconds, seconds))
     made = evaluated(Tables(), [new, old], Section()).certificate.made
     assert datetime.fromisoformat(made).timestamp() == 1e9
+
+
+def test_a_certificate_of_a_session_and_a_picture_names_the_bench_of_the_session(speed, tmp_path):
+    picture = tmp_path / "before.png"
+    picture.write_text("1")
+    os.utime(picture, (1e9, 1e9))
+    held = evaluated(Speed(), [speed / "speed-1.h5", picture], Section()).certificate
+    assert datetime.fromisoformat(held.made).timestamp() == 1e9
+    assert (held.bench["camera"], held.operator) == ("sim", "Ana")
 
 
 def test_a_recorded_run_is_analysed_with_a_later_certificate(tmp_path):
