@@ -345,7 +345,8 @@ class SessionReader(Closable):
     def parts(self) -> dict[str, Callable[[], Iterable[Acquired | Event]]]:
         """The same in parts by what they are, each of which is read without the others."""
         self.altered.clear()
-        _ = self._images  # an analysis without its session cannot be read at all
+        if len(self.dataset("/entry/triggers/index")):
+            _ = self._images  # an analysis without its session cannot be read at all
         return {
             "forces": self._blocks,
             "triggers and images": self._fates,

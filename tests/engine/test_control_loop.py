@@ -83,20 +83,28 @@ def test_a_stop_that_comes_while_a_motion_is_sent_wins():
 
 
 @pytest.mark.parametrize(
-    ("state", "phase", "drives"),
+    ("state", "phase", "is_owed", "drives"),
     [
-        ("running", Phase.DRIVE, True),
-        ("stopping", Phase.DRIVE, True),  # until the stage stands
-        ("running", Phase.REFERENCE, False),
-        ("done", Phase.DRIVE, False),
+        ("running", Phase.DRIVE, False, True),
+        ("running", Phase.DRIVE, True, True),
+        ("stopping", Phase.DRIVE, True, True),  # until the stage has taken the stop
+        ("stopping", Phase.DRIVE, False, False),
+        ("running", Phase.REFERENCE, False, False),
+        ("done", Phase.DRIVE, True, False),
     ],
 )
-def test_a_supervisor_is_told_that_the_stage_drives_until_the_run_has_ended(state, phase, drives):
+def test_a_supervisor_is_told_that_the_stage_drives_until_it_has_taken_the_stop_of_the_end(
+    state, phase, is_owed, drives
+):
+    ending = Ending(lambda: None)
+    if state != "running":
+        ending.call("enough", failed=False)
     run = SimpleNamespace(
+        _ending=ending,
         _state=state,
         _experiment=SimpleNamespace(phase=phase),
         _history=SimpleNamespace(end=7),
-        _stage=SimpleNamespace(travel_m=3e-6),
+        _stage=SimpleNamespace(travel_m=3e-6, is_owed=is_owed),
     )
     assert Run.motion(run) == (7, 3e-6, drives)
 
