@@ -111,7 +111,7 @@ def test_the_settings_of_a_run_can_be_read_from_its_session(tmp_path: Path) -> N
     config = load(path)
     assert len(written := to_toml(config)) > LONGEST_TOML
     assert from_record(written, "sample7.h5") == config
-    numbers = [n / 10 for n in range(128)]  # a table of a driver, which is one line there
+    numbers = [n * 1.5e-6 for n in range(128)]  # a table of a driver, which is one line there
     assert parse_toml(f"table = {numbers}") == {"table": numbers}
     path.write_text(f"""[run]\nsteps = [{{do = "ask", question = "P{"." * 101}"}}]""")
     with pytest.raises(ConfigError, match="more than 100"):

@@ -48,8 +48,8 @@ FRAMES += "step,step_sample,camera_s"
 MOST_LOOKED_AT = 200  # fields, for the colour range of a film
 # what an export of images, and one for ParaView, writes into a folder
 _IMAGES = re.compile(r"\d{6,}\.tiff|(metadata|forces)\.csv|settings\.toml")
-_READINGS = ("normal_V", "shear_V")
 _FIELDS = re.compile(r"\d{6,}\.vti")
+_READINGS = ("normal_V", "shear_V")
 
 
 def export(

@@ -210,11 +210,20 @@ def located(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     those of files in `folder`.
     """
     new = {table: dict(held) if isinstance(held, dict) else held for table, held in data.items()}
-    held = new.get("calibration")
-    named = held.get(KEY) if isinstance(held, dict) else None
+    if names := _names(new):
+        new["calibration"][KEY] = [str(folder.absolute() / name) for name in names]
+    return new
+
+
+def _names(data: Mapping[str, Any]) -> list[str]:
+    """Of the certificates; none where they are no list of texts, which is refused where tables are
+    read.
+    """
+    table = data.get("calibration")
+    named = table.get(KEY) if isinstance(table, dict) else None
     if isinstance(named, list | tuple) and all(isinstance(name, str) for name in named):
-        new["calibration"][KEY] = [str(folder.absolute() / name) for name in named]
-    return new  # anything else is refused where tables are read
+        return list(named)
+    return []
 
 
 def with_certificates(
@@ -242,13 +251,8 @@ def with_certificates(
         certificate.
     """
     new = located(data, folder)
-    held = new["calibration"]
-    named = held.get(KEY) if isinstance(held, dict) else None
-    if not isinstance(named, list) or not all(isinstance(name, str) for name in named):
-        return new
-    paths = [Path(name) for name in named]
     says: dict[str, str] = {}  # which certificate a setting is from
-    for path in paths:
+    for path in map(Path, _names(new)):
         if is_remembered and path in _READ:
             certificate = _READ[path][1]
         else:

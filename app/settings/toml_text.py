@@ -13,7 +13,7 @@ from app.system.inputs import check_ends
 
 LONGEST_TOML, MOST_DOTS = 1 << 16, 100  # characters; in a line
 LONGEST_WRITTEN = 4 * LONGEST_TOML  # the program writes every setting, with what it means
-LISTED = re.compile(r"\d\.\d+[ \t]*(?=[],])")  # a number in a list, which is no key
+LISTED = re.compile(r"\d\.\d+(e[+-]?\d+)?[ \t]*(?=[],])")  # a number in a list, which is no key
 DECIMAL_COMMA = re.compile(r"=[ \t]*([+-]?\d+,\d+)[ \t]*(?:#.*)?\r?$", re.MULTILINE)
 
 
