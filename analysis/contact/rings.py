@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +21,8 @@ MOST_OFF = 3.0  # standard uncertainties of the centre from which a slope tells 
 TINY = float(np.finfo(np.float64).tiny)
 OUTLIER_SD = 5.0  # robust standard deviations from its ring at which a point is left out
 ROUNDING = 1e-6  # of the largest value: nearer to its ring no point is left out
+ROUNDED = 1e-12  # of a quotient, more than its rounding
+COLUMNS = 6  # of a fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,26 +93,27 @@ def ring_means(
         raise ValueError(
             f"rings: a width of {width} up to {limit} was requested; it must be positive"
         )
-    r, values, azimuth = in_step("rings", r=r, values=values, theta=0.0 if theta is None else theta)
+    given = in_step("rings", r=r, values=values, theta=0.0 if theta is None else theta)
+    r, values, azimuth = given
     chosen = np.isfinite(values) & np.isfinite(azimuth) & (r >= 0) & (r < limit)
-    r, values = r[chosen], values[chosen]
+    r, values, azimuth = (of[chosen] for of in given)
     n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
-    ring = (r / width).astype(np.int64)
-    inside = ring < n
-    r, values, ring = r[inside], values[inside], ring[inside]
+    first, r, values, azimuth = _by_ring(r, values, azimuth, width, n)
     floor = ROUNDING * float(np.abs(values).max(initial=0.0))
-    keep = ~_outlying(values, ring, n, floor)
+    keep = ~_outlying(values, first, floor)
     if theta is None:
-        return _plain_means(r[keep], values[keep], ring[keep], n, width)
-    columns = _columns(r / width - ring - 0.5, azimuth[chosen][inside])
-    fits = _ring_fits(columns, values, ring, keep, n)
-    residual, before = values - _modelled(columns, fits[0], ring), keep
+        return _plain_means(r, values, first, keep, width)
+    columns, residual, rings = _columns(r, azimuth, first, width), values.copy(), np.arange(n)
+    fits = np.empty((n, COLUMNS)), np.empty(n)
+    _fit(columns, values, first, keep, rings, *fits, residual)
+    before = keep
     # outliers show better against the fit than against the ring's median
-    keep = ~_outlying(residual, ring, n, floor)
-    if not np.array_equal(keep, before):
-        fits = _ring_fits(columns, values, ring, keep, n, fits[2])
-        residual = values - _modelled(columns, fits[0], ring)
-    return _fitted_means(r, values, ring, keep, width, fits, residual)
+    keep = ~_outlying(residual, first, floor)
+    rings = np.unique(np.searchsorted(first, np.flatnonzero(keep != before), side="right") - 1)
+    if rings.size:
+        _fit(columns, values, first, keep, rings, *fits, residual)
+    return _fitted_means(_plain_means(r, values, first, keep, width), *fits, width,
+                         _squares(residual, first, keep, np.zeros(n)))  # fmt: skip
 
 
 def central_value(
@@ -217,135 +219,164 @@ def _lift(
 
 
 @compiled
-def _outlying(values: F64, ring: I64, n: int, floor: float) -> Bool:
-    """Which points lie too far from their ring's median, and further than `floor`."""
+def _by_ring(r: F64, values: F64, theta: F64, width: float, n: int) -> tuple[I64, F64, F64, F64]:
+    """The points of n rings, ring by ring and else in their order: where those of each ring begin,
+    shape (n + 1,), and their distances, values and azimuths.
+    """
     first = np.zeros(n + 1, np.int64)
-    for k in ring:
-        first[k + 1] += 1
+    for distance in r:
+        ring = int(distance / width)
+        if ring < n:
+            first[ring + 1] += 1
     for k in range(n):
         first[k + 1] += first[k]
-    free, by_ring = first[:-1].copy(), np.empty(values.size)
-    for i in range(values.size):
-        by_ring[free[ring[i]]] = values[i]
-        free[ring[i]] += 1
-    middle, limit = np.zeros(n), np.zeros(n)
-    for k in range(n):
-        own = by_ring[first[k] : first[k + 1]]
-        if own.size:
-            middle[k] = np.median(own)
-            spread = OUTLIER_SD * (SCALED * np.median(np.abs(own - middle[k])))
-            limit[k] = max(spread, floor)
-    out = np.empty(values.size, np.bool_)
-    for i in range(values.size):
-        out[i] = abs(values[i] - middle[ring[i]]) > limit[ring[i]]
+    free, (at, of, azimuth) = first[:-1].copy(), np.empty((3, first[n]))
+    for p in range(r.size):
+        ring = int(r[p] / width)
+        if ring < n:
+            at[free[ring]], of[free[ring]], azimuth[free[ring]] = r[p], values[p], theta[p]
+            free[ring] += 1
+    return first, at, of, azimuth
+
+
+@compiled
+def _outlying(values: F64, first: I64, floor: float) -> Bool:
+    """Which points lie too far from their ring's median, and further than `floor`."""
+    out = np.zeros(values.size, np.bool_)
+    for k in range(first.size - 1):
+        own = values[first[k] : first[k + 1]]
+        if not own.size:
+            continue
+        off = np.abs(own - np.median(own))
+        # so large a median deviation would spare all; to count is quicker than to find it
+        enough = off.max() / (OUTLIER_SD * SCALED) * (1 + ROUNDED)
+        if off.max() <= floor or (off < enough).sum() <= (own.size - 1) // 2:
+            continue
+        spread = OUTLIER_SD * (SCALED * np.median(off))
+        out[first[k] : first[k + 1]] = off > max(spread, floor)
     return out
 
 
 @compiled
-def _normal_equations(columns: F64, values: F64, ring: I64, keep: Bool, n: int) -> tuple[F64, F64]:
-    """Sums over the kept points of each ring of the products of the columns, shape (n, k, k), and
-    of the columns with the values, shape (n, k).
+def _normal_equations(
+    columns: F64, values: F64, first: I64, keep: Bool, rings: I64
+) -> tuple[F64, F64]:
+    """Sums over the kept points of each of those rings of the products of the columns, shape (k,
+    COLUMNS, COLUMNS), and of the columns with the values, shape (k, COLUMNS).
     """
     size = columns.shape[1]
-    normal, right = np.zeros((n, size, size)), np.zeros((n, size))
-    for p in range(values.size):
-        if not keep[p]:
-            continue
-        k = ring[p]
-        for i in range(size):
-            right[k, i] += columns[p, i] * values[p]
-            for j in range(i + 1):
-                normal[k, i, j] += columns[p, i] * columns[p, j]
-    for k in range(n):
+    normal, right = np.zeros((rings.size, size, size)), np.zeros((rings.size, size))
+    for k, ring in enumerate(rings):
+        for p in range(first[ring], first[ring + 1]):
+            if not keep[p]:
+                continue
+            for i in range(size):
+                right[k, i] += columns[p, i] * values[p]
+                for j in range(i + 1):
+                    normal[k, i, j] += columns[p, i] * columns[p, j]
         for i in range(size):
             for j in range(i):
                 normal[k, j, i] = normal[k, i, j]
     return normal, right
 
 
-def _plain_means(r: F64, values: F64, ring: I64, n: int, width: float) -> Rings:
-    count = np.bincount(ring, minlength=n)
-    middle = (np.arange(n) + 0.5) * width
-    radius = np.where(count > 0, np.bincount(ring, r, minlength=n) / np.maximum(count, 1), middle)
+@compiled
+def _sums(r: F64, values: F64, first: I64, keep: Bool) -> tuple[I64, F64, F64]:
+    """Number of the kept points of each ring, and sums of their distances and values."""
+    n = first.size - 1
+    count, distance, total = np.zeros(n, np.int64), np.zeros(n), np.zeros(n)
+    for k in range(n):
+        for p in range(first[k], first[k + 1]):
+            if keep[p]:
+                count[k] += 1
+                distance[k] += r[p]
+                total[k] += values[p]
+    return count, distance, total
+
+
+@compiled
+def _squares(values: F64, first: I64, keep: Bool, mean: F64) -> F64:
+    """Sums of the squares of the kept points' deviations from a value of each ring."""
+    squares = np.zeros(first.size - 1)
+    for k in range(first.size - 1):
+        for p in range(first[k], first[k + 1]):
+            if keep[p]:
+                squares[k] += (values[p] - mean[k]) * (values[p] - mean[k])
+    return squares
+
+
+def _plain_means(r: F64, values: F64, first: I64, keep: Bool, width: float) -> Rings:
+    count, distance, total = _sums(r, values, first, keep)
+    middle = (np.arange(count.size) + 0.5) * width
+    radius = np.where(count > 0, distance / np.maximum(count, 1), middle)
     full = np.where(count > 0, count, np.nan)
-    mean = np.bincount(ring, values, minlength=n) / full
-    squares = np.bincount(ring, (values - mean[ring]) ** 2, minlength=n)
+    mean = total / full
+    squares = _squares(values, first, keep, mean)
     freedom = np.where(count > 1, count - 1.0, np.nan)
     return Rings(radius, mean, np.sqrt(squares / freedom / full), count)
 
 
 @compiled
-def _columns(offset: F64, theta: F64) -> F64:
-    """What the values of a ring may depend on, shape (points, 6): 1, distance from the ring's
+def _columns(r: F64, theta: F64, first: I64, width: float) -> F64:
+    """What the values of a ring may depend on, shape (points, COLUMNS): 1, distance from the ring's
     middle, two harmonics of the azimuth.
     """
-    out = np.empty((offset.size, 6))
-    for p in range(offset.size):
-        cos, sin = np.cos(theta[p]), np.sin(theta[p])
-        out[p, 0], out[p, 1], out[p, 2], out[p, 3] = 1.0, offset[p], cos, sin
-        out[p, 4], out[p, 5] = cos * cos - sin * sin, 2 * sin * cos
+    out = np.empty((r.size, COLUMNS))
+    for k in range(first.size - 1):
+        for p in range(first[k], first[k + 1]):
+            cos, sin = np.cos(theta[p]), np.sin(theta[p])
+            out[p, 0], out[p, 1], out[p, 2], out[p, 3] = 1.0, r[p] / width - k - 0.5, cos, sin
+            out[p, 4], out[p, 5] = cos * cos - sin * sin, 2 * sin * cos
     return out
 
 
 @compiled
-def _modelled(columns: F64, coefficients: F64, ring: I64) -> F64:
-    """The fit of each point's ring at the point."""
-    out = np.zeros(ring.size)
-    for p in range(ring.size):
-        for i in range(columns.shape[1]):
-            out[p] += columns[p, i] * coefficients[ring[p], i]
-    return out
+def _residuals(
+    columns: F64, values: F64, first: I64, rings: I64, coefficients: F64, out: F64
+) -> None:
+    """What the fits of some rings leave of the values of their points."""
+    for ring in rings:
+        for p in range(first[ring], first[ring + 1]):
+            model = 0.0
+            for i in range(columns.shape[1]):
+                model += columns[p, i] * coefficients[ring, i]
+            out[p] = values[p] - model
 
 
-def _ring_fits(
+def _fit(
     columns: F64,
     values: F64,
-    ring: I64,
+    first: I64,
     keep: Bool,
-    n: int,
-    before: tuple[Bool, F64] | None = None,
-) -> tuple[F64, F64, tuple[Bool, F64]]:
-    """Least squares of the kept points in each ring: coefficients, shape (n, 6), the matrices of
-    their normal equations, shape (n, 6, 6), and which rings are poor with their numbers of points.
+    rings: I64,
+    coefficients: F64,
+    factor: F64,
+    residual: F64,
+) -> None:
+    """Least squares of the kept points in each of those rings: coefficients, shape (n, COLUMNS),
+    the variance of the mean over that of a point, shape (n,), and the residuals of their points.
 
-    Poor rings have too few points, or too small a part of the circle: their only coefficient is the
-    plain mean. With `before`, those of another choice of points, only rings are looked at anew that
-    have other points.
+    Rings with too few points, or too small a part of the circle, are poor: their only coefficient
+    is the plain mean, and the variance is NaN.
     """
-    size = columns.shape[1]
-    normal, sums = _normal_equations(columns, values, ring, keep, n)
+    normal, sums = _normal_equations(columns, values, first, keep, rings)
     count = normal[:, 0, 0].copy()
-    poor, known = before or (np.zeros(n, np.bool_), np.full(n, -1.0))
-    new = count != known
-    poor = poor.copy()
-    poor[new] = np.linalg.eigvalsh(normal[new])[:, 0] < 1e-2 * count[new]
-    poor |= count < MIN_FITTED_POINTS
-    normal[poor] = np.eye(size)
+    poor = (np.linalg.eigvalsh(normal)[:, 0] < 1e-2 * count) | (count < MIN_FITTED_POINTS)
+    normal[poor] = np.eye(COLUMNS)
     sums[poor, 1:] = 0
     sums[poor, 0] /= np.maximum(count[poor], 1)
-    return np.linalg.solve(normal, sums[:, :, None])[:, :, 0], normal, (poor, count)
+    coefficients[rings] = np.linalg.solve(normal, sums[:, :, None])[:, :, 0]
+    factor[rings] = np.where(poor, np.nan, np.linalg.inv(normal)[:, 0, 0])
+    _residuals(columns, values, first, rings, coefficients, residual)
 
 
 def _fitted_means(
-    r: F64,
-    values: F64,
-    ring: I64,
-    keep: Bool,
-    width: float,
-    fits: tuple[F64, F64, tuple[Bool, F64]],
-    residual: F64,
+    plain: Rings, coefficients: F64, factor: F64, width: float, squares: F64
 ) -> Rings:
-    coefficients, normal, (poor, _) = fits
-    n, size = coefficients.shape
-    kept: Any = slice(None) if keep.all() else keep  # spares copies
-    plain = _plain_means(r[kept], values[kept], ring[kept], n, width)
-    # from the variance of a point to that of the mean
-    factor = np.where(poor, np.nan, np.linalg.inv(normal)[:, 0, 0])
-    squares = np.bincount(ring, np.where(keep, residual, 0.0) ** 2, minlength=n)
-    error = np.sqrt(squares / np.maximum(plain.count - size, 1) * factor)
+    error = np.sqrt(squares / np.maximum(plain.count - COLUMNS, 1) * factor)
     fitted = np.isfinite(factor)
     return Rings(
-        np.where(fitted, (np.arange(n) + 0.5) * width, plain.radius),
+        np.where(fitted, (np.arange(len(factor)) + 0.5) * width, plain.radius),
         np.where(fitted, coefficients[:, 0], plain.mean),
         np.where(fitted, error, plain.standard_error),
         plain.count,

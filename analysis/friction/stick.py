@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from analysis.arrays import F64, floats, in_step
+from analysis.kernels import compiled
 from analysis.mechanics.cattaneo_mindlin import phi0
 
 MIN_RINGS = 6
@@ -82,11 +83,20 @@ def _unit_phi0(x: F64) -> F64:
     """Phi0(x; 1) from a table, within 1e-6: the closed form and its series would take most of the
     time of a fit.
     """
-    values, steps = _phi0_table()
-    place = (TABLE - 1) / np.maximum(x, 1)
-    node = place.astype(np.intp)
-    place -= node
-    return np.where(x < 1, np.pi**2 / 4 * (2 - x * x), values.take(node) + place * steps.take(node))
+    return _interpolated(np.ravel(x), *_phi0_table()).reshape(x.shape)
+
+
+@compiled
+def _interpolated(x: F64, values: F64, steps: F64) -> F64:
+    out = np.empty(x.size)
+    for p in range(x.size):
+        if not x[p] >= 1:  # NaN stays NaN
+            out[p] = np.pi**2 / 4 * (2 - x[p] * x[p])
+        else:
+            place = (TABLE - 1) / x[p]
+            node = int(place)
+            out[p] = values[node] + (place - node) * steps[node]
+    return out
 
 
 def seen_in_rings(

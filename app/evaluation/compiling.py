@@ -23,6 +23,7 @@ from analysis.contact.marks import compile_marks
 from analysis.contact.registration import rigid_shift
 from analysis.contact.rings import central_value, ring_means
 from analysis.dic.correlation import is_compiled
+from analysis.friction.stick import fit_stick_radius
 from analysis.mechanics.half_space import layer_correction
 from app.settings.sections import Config
 from app.system.errors import UserError
@@ -30,8 +31,8 @@ from app.system.errors import UserError
 
 def compile_analysis(config: Config) -> None:
     """Compile the correlation of these settings and that of the block with its background, the
-    means over rings, the search for marks; what this process has compiled before is there. What
-    tractions of a layer interpolate with is imported.
+    means over rings, the fit of c, the search for marks; what this process has compiled before is
+    there. What tractions of a layer interpolate with is imported.
     """
     block = config.sample
     if config.stress.method != "none" and block.thickness > 0:
@@ -95,6 +96,7 @@ def _compile_contact() -> None:
     r, ones = np.linspace(0.0, 1.0, 8), np.ones(8)
     ring_means(ones, ones, 1.0, theta=ones)
     central_value(r, ones, ones, 2.0)
+    fit_stick_radius(r, r, ones, 1.0)
     micro_contact_disc(r, r, (8, 8))
     compile_marks()
 

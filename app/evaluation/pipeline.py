@@ -339,15 +339,16 @@ class Pipeline:
         y = self._y_m[here] + uy_m - centre_y - drive.y * lens_m
         r = np.hypot(x, y)
         sliding_ux = drive.along(ux_m, uy_m) - lens_m
-        width = self._ring_m
-        azimuth = np.arctan2(drive.across(x, y), drive.along(x, y))
         hertz_m = hertz_radius_m(self.config, now.normal_force_n)
         furthest_m = self._furthest_m(hertz_m)
         if points is not None:  # which have moved since they were chosen
             furthest_m = min(furthest_m, self._region_m - float(np.nanmax(np.hypot(ux_m, uy_m))))
-        rings = ring_means(r, sliding_ux, width, furthest_m, theta=azimuth)
         apparent_m = self.contact.apparent_radius_m
         inner_m = CENTRE_SHARE * (apparent_m if math.isfinite(apparent_m) else hertz_m)
+        near = r < max(furthest_m, inner_m)
+        azimuth = np.arctan2(drive.across(x[near], y[near]), drive.along(x[near], y[near]))
+        r, near_ux = r[near], sliding_ux[near]
+        rings = ring_means(r, near_ux, self._ring_m, furthest_m, theta=azimuth)
         stick, traction, stress, stress_field = None, None, None, None
         if now.phase is Phase.DRIVE and math.isfinite(hertz_m):
             notes = self.notes
@@ -367,7 +368,7 @@ class Pipeline:
                     )
         dic = self.config.dic
         centre_ux_m, centre_sd_m = central_value(
-            *(r, azimuth, sliding_ux, inner_m),
+            *(r, azimuth, near_ux, inner_m),
             box=dic.averaging_box_px * self._pixel_m,
             shared=max(1.0, (dic.noise_box_px / dic.step) ** 2),
             centre_sd=self._roundness.centre_sd_m,
