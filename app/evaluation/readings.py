@@ -18,7 +18,7 @@ from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
 from app.evaluation.history import DriveForces
 from app.records.record_types import Phase, RingProfile, Snapshot
-from app.records.snapshot_numbers import all_series, known_series, series_of
+from app.records.snapshot_numbers import all_series, known_series
 from app.settings.sections import Config
 
 CERTAIN = 4.0  # standard uncertainties from which something is there
@@ -84,10 +84,9 @@ def readings(
     `drive` are the frames of the first loading, `whole` those of all legs.
     """
     stated, notes = config.uncertainty, list[str]()
-    loaded = _mean(_forces([s for s in snapshots if s.conditions.phase is Phase.REFERENCE]))
-    free = _forces([s for s in snapshots if s.conditions.phase is Phase.BACKGROUND])
-    most = UNLOADED * loaded[0][0]
-    after = [s for s in snapshots if s.conditions.phase is Phase.END]
+    background, rest = _of(Phase.BACKGROUND, snapshots), _of(Phase.REFERENCE, snapshots)
+    loaded, free = _mean(_forces(rest)), _forces(background)
+    most, after = UNLOADED * loaded[0][0], _of(Phase.END, snapshots)
     apart = [s for s in after if abs(s.conditions.normal_force_n) < most]
     before, since = _mean(free), _mean(_forces(apart))
     zero, zero_drift = [0.0, 0.0], [0.0, 0.0]
@@ -101,9 +100,7 @@ def readings(
                     f" {1e3 * sd:.2g} mN (uncertainty.zero is {1e3 * stated.zero:g} mN); it is not"
                     f" taken off, and the uncertainties include it: zero the sensors"
                 )
-    between_s = _middle_s(config, apart) - _middle_s(
-        config, [s for s in snapshots if s.conditions.phase is Phase.BACKGROUND]
-    )
+    between_s = _middle_s(config, apart) - _middle_s(config, background)
     for i, name in enumerate("PQ"):
         change, sd = float(since[0][i] - before[0][i]), math.hypot(before[1][i], since[1][i])
         if _is_seen(change, sd, stated.zero):
@@ -159,7 +156,7 @@ def readings(
             " forces.coupling does not have, or a load that changes with the shear; the"
             " uncertainties include it"
         )
-    drift, sd = _drift_at_rest(config, snapshots, float(loaded[0][0]))
+    drift, sd = _drift_at_rest(config, rest, float(loaded[0][0]))
     seen = _is_seen(drift, sd, stated.drift)
     if seen:
         notes.append(
@@ -167,7 +164,7 @@ def readings(
             f" um/s in the picture (uncertainty.drift is {1e6 * stated.drift:g} um/s): let camera,"
             " lens and block come to rest; it is not taken off, and the uncertainties include it"
         )
-    jumps, noise = _jumps([s for s in snapshots if s.conditions.phase is Phase.DRIVE])
+    jumps, noise = _jumps(_of(Phase.DRIVE, snapshots))
     if jumps > max(CERTAIN * noise, SHAKEN_PX * config.camera.pixel):
         is_given = config.camera.angle_from == "angle"
         notes.append(
@@ -214,7 +211,7 @@ def readings(
         (coupling[0], coupling[1]),
         abs(drift) if seen else 0.0,
         delay if late else 0.0,
-        _rest_s(config, snapshots, drive),
+        _rest_s(config, rest, drive),
         tuple(notes),
         (zero_drift[0], zero_drift[1]),
     )
@@ -240,6 +237,11 @@ def creep_in_sliding(config: Config, drive: list[Snapshot], steady_s: float) -> 
 
 def _is_seen(value: float, sd: float, stated: float) -> bool:
     return abs(value) > max(CERTAIN * sd, stated)
+
+
+def _of(phase: Phase, snapshots: list[Snapshot]) -> list[Snapshot]:
+    """The frames of one phase."""
+    return [s for s in snapshots if s.conditions.phase is phase]
 
 
 def _forces(frames: list[Snapshot]) -> F64:
@@ -282,17 +284,16 @@ def _at_end(y: F64) -> int:
 
 def _changes_of_load(drive: list[Snapshot]) -> tuple[Measure, Measure]:
     """Share of Q in P as the contact is sheared, and the change of P in time beside it, newtons."""
-    P, Q, t = all_series(drive, "normal_force_n", "shear_force_n", "time_s")
-    known = np.isfinite(P) & np.isfinite(Q) & np.isfinite(t)
-    n = int(known.sum())
-    if n < FEWEST_SHEARED:
+    P, Q, t = known_series(drive, "normal_force_n", "shear_force_n", "time_s")
+    if len(P) < FEWEST_SHEARED:
         return UNKNOWN, UNKNOWN
-    P, Q, t = P[known], Q[known], t[known]
     # once the contact slides, Q follows each change of P: its mean is what P may follow
     sliding = np.maximum.accumulate(Q) > BEFORE_SLIDING * Q.max()
     if not sliding.any():  # Q is against the drive
         return UNKNOWN, UNKNOWN
-    columns = np.column_stack([np.ones(n), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()])
+    columns = np.column_stack(
+        [np.ones(len(P)), np.where(sliding, Q[sliding].mean(), Q), t - t.mean()]
+    )
     _, share, (rate, sd) = _fitted(columns, P)
     return share, (rate * float(np.ptp(t)), sd * float(np.ptp(t)))
 
@@ -332,8 +333,7 @@ def _jumps(drive: list[Snapshot]) -> Measure:
 
 def _turns_back(drive: Sequence[Snapshot]) -> bool:
     """Whether the block goes back by a good part of its way."""
-    D = series_of(drive, "block_m")
-    D = D[np.isfinite(D)]
+    (D,) = known_series(drive, "block_m")
     back = np.maximum.accumulate(D) - D
     return len(D) > 0 and float(back.max()) > BACK * float(np.ptp(D))
 
@@ -426,22 +426,18 @@ def _fitted(columns: F64, values: F64) -> list[Measure]:
     return [(one, math.sqrt(variance * of)) for one, of in zip(found.tolist(), spread, strict=True)]
 
 
-def _drift_at_rest(
-    config: Config, snapshots: list[Snapshot], normal_force_n: float
-) -> tuple[float, float]:
-    """Velocity of the contact in the picture before the drive, along it, and its standard
-    uncertainty; NaN where it was not measured.
+def _drift_at_rest(config: Config, rest: list[Snapshot], normal_force_n: float) -> Measure:
+    """Velocity of the contact in the picture before the drive, along it, from the frames at rest;
+    unknown where it was not measured.
     """
-    rest = [s for s in snapshots if s.conditions.phase is Phase.REFERENCE and s.rings]
-    if len(rest) < FEWEST or not normal_force_n > 0:
-        return math.nan, math.nan
-    s = config.sample
-    a = hertz.contact_radius(normal_force_n, s.young_modulus, s.poisson, s.lens_radius)
-    means = np.array([_mean_within(shot.rings, float(a)) for shot in rest if shot.rings])
-    t = np.array([shot.sample for shot in rest]) / config.forces.sample_rate
+    if not normal_force_n > 0:
+        return UNKNOWN
+    a = float(hertz.contact_radius(normal_force_n, *config.sample.bodies))
+    means = np.array([_mean_within(s.rings, a) for s in rest])
+    t = np.array([s.sample for s in rest]) / config.forces.sample_rate
     u, t = means[known := np.isfinite(means)], t[known]
     if len(u) < FEWEST:
-        return math.nan, math.nan
+        return UNKNOWN
     t -= t.mean()
     spread = float(t @ t)
     slope = float(t @ u) / spread
@@ -450,17 +446,18 @@ def _drift_at_rest(
     return slope, math.sqrt(variance / spread)
 
 
-def _rest_s(config: Config, snapshots: list[Snapshot], drive: list[Snapshot]) -> float:
-    measured = (s for s in snapshots if s.conditions.phase is Phase.REFERENCE and s.motion)
-    reference = next(measured, None)
+def _rest_s(config: Config, rest: list[Snapshot], drive: list[Snapshot]) -> float:
+    reference = next((s for s in rest if s.motion), None)
     if reference is None or not drive:
         return 0.0
     since = (drive[0].sample - reference.sample) / config.forces.sample_rate
     return max(0.0, since - drive[0].conditions.time_s)
 
 
-def _mean_within(rings: RingProfile, radius_m: float) -> float:
+def _mean_within(rings: RingProfile | None, radius_m: float) -> float:
     """Mean of u_x over the disc of that radius; NaN where it is not known."""
+    if rings is None:
+        return math.nan
     inside = (rings.radius_m < radius_m) & np.isfinite(rings.ux_m)
     if not inside.any():
         return math.nan
