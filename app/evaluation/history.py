@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import F64
+from app.evaluation.series import Thinned
 from app.records.record_types import Conditions, Phase
 from app.records.run_view import Forces
 
@@ -57,8 +58,7 @@ class History:
         self._ring = np.full((int(KEPT_SECONDS * sample_rate_hz), 2), np.nan)
         self._end = 0
         self._driven: list[F64] = []
-        self._means: list[tuple[int, float, float]] = []
-        self._blocks, self._every = 0, 1
+        self._means = Thinned[tuple[int, float, float]](MOST_MEANS)
         self._position_samples: list[int] = []
         self._positions: list[float] = []
         self._start_m = 0.0
@@ -88,7 +88,8 @@ class History:
             self._ring[np.arange(first, end) % len(self._ring)] = forces
             self._keep_driven(first, forces)
             if len(forces):
-                self._add_mean(first + len(forces) // 2, forces)
+                normal, shear = (float(force.mean()) for force in forces.T)
+                self._means.add((first + len(forces) // 2, normal, shear))
             if not self._positions:
                 self._start_m = position_m
             self._position_samples.append(position_sample)
@@ -103,14 +104,6 @@ class History:
         start = self.phase_start(Phase.DRIVE)
         if start is not None and first < start + MOST_DRIVEN:
             self._driven.append(forces[max(start - first, 0) :])
-
-    def _add_mean(self, sample: int, forces: F64) -> None:
-        if self._blocks % self._every == 0:
-            self._means.append((sample, float(forces[:, 0].mean()), float(forces[:, 1].mean())))
-        self._blocks += 1
-        if len(self._means) > MOST_MEANS:
-            del self._means[1::2]
-            self._every *= 2
 
     def begin(self, phase: Phase, sample: int) -> None:
         """From `sample` on the experiment is in `phase`."""

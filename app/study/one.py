@@ -17,6 +17,7 @@ from analysis.arrays import F64, Array, Rows
 from app.evaluation.conclusions import Conclusion
 from app.evaluation.frame_analysis import Analysis
 from app.evaluation.pipeline import Pipeline
+from app.evaluation.series import Thinned
 from app.evaluation.setup import pixel_correction
 from app.records.effort import Effort, Product
 from app.records.legs import numbered_instants
@@ -176,8 +177,7 @@ def _triggers(
 
 
 class _Taken:
-    """Takes the results of each frame, without its fields: of all frames, or where there are more
-    than `MOST_FRAMES` of every second, fourth ...
+    """Takes the results of each frame, without its fields, thinned to `MOST_FRAMES`.
 
     Attributes
     ----------
@@ -189,13 +189,11 @@ class _Taken:
     """
 
     def __init__(self) -> None:
-        self.snapshots: list[Snapshot] = []
+        self.snapshots = Thinned[Snapshot](MOST_FRAMES)
         self.at_rest: list[int] = []
         self._free: list[Snapshot] = []
         self._reference: list[Snapshot] = []
         self._reference_frame = -1
-        self._every = 1
-        self._count = 0
 
     @property
     def before(self) -> list[Snapshot]:
@@ -214,12 +212,7 @@ class _Taken:
                 self._reference = [snapshot]
             if self._reference:
                 self.at_rest.append(snapshot.frame)
-        if self._count % self._every == 0:
-            self.snapshots.append(snapshot)
-        self._count += 1
-        if len(self.snapshots) > MOST_FRAMES:
-            del self.snapshots[1::2]
-            self._every *= 2
+        self.snapshots.add(snapshot)
 
     def flush(self) -> None:
         """Do nothing: nothing is written."""
