@@ -31,10 +31,10 @@ from scipy.interpolate import CubicSpline
 
 from analysis.contact.rings import central_value, ring_means
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState, SphereContact
-from app.evaluation.conclusions import conclude, hertz_radius_m
+from app.evaluation.conclusions import conclude
 from app.evaluation.history import DriveForces
 from app.evaluation.pipeline import CENTRE_SHARE
-from app.evaluation.setup import grid_of, sensor_chain
+from app.evaluation.setup import grid_of, hertz_radius_m, sensor_chain
 from app.evaluation.tractions import Tractions
 from app.records.record_types import (
     Conditions,

@@ -135,9 +135,11 @@ def stiffness_length(
     pressure: ArrayLike, pressure_sd: ArrayLike, k: ArrayLike, k_sd: ArrayLike
 ) -> tuple[float, float]:
     """L as p/k, the mean over the rings of a run, and its uncertainty, metres: neighbouring rings
-    share their noise. NaN where no ring has both.
+    share their noise. NaN where no ring has both, or where there is another number of one.
     """
-    p, p_sd, k, k_sd = all_floats(pressure, pressure_sd, k, k_sd)
+    p, p_sd, k, k_sd = rings = all_floats(pressure, pressure_sd, k, k_sd)
+    if len({values.shape for values in rings}) > 1:
+        return math.nan, math.nan
     with np.errstate(divide="ignore", invalid="ignore"):
         length, share = p / k, np.hypot(p_sd / p, k_sd / k)
     use = np.isfinite(share) & (share > 0) & (p > 0) & (k > 0)

@@ -58,7 +58,7 @@ class CorrelationNoise(Calibration[CorrelationNoiseOptions]):
         from analysis.calibration.dic_noise import correlation_map, noise_by_box
         from app.calibrations.free_block import flat_fielded_pictures
         from app.calibrations.session_readings import opened, times_of_frames, travel_of
-        from app.evaluation.conclusions import hertz_radius_m
+        from app.evaluation.setup import hertz_radius_m
 
         with opened(sources[0]) as (reader, config):
             stage_s, position = travel_of(reader, config.camera.pixel)

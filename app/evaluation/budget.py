@@ -24,7 +24,7 @@ from analysis.mechanics.relaxation import Relaxation, RelaxationCorrection
 from app.evaluation.history import DriveForces
 from app.evaluation.readings import NOTHING_SEEN, Readings
 from app.evaluation.setup import sensor_chain
-from app.records.record_types import ContactResult, FrameMotion, RingProfile, Snapshot
+from app.records.record_types import Conditions, ContactResult, FrameMotion, RingProfile, Snapshot
 from app.records.snapshot_numbers import all_series
 from app.settings.sections import Config
 
@@ -91,19 +91,18 @@ class Measured:
         def misread(time_s: Any, P: Any, Q: Any) -> tuple[Any, Any]:
             more, cross, rate = added, coupled, rising
             return (
-                P + more[0] + cross[0] * Q + rate[0] * time_s,
-                Q + more[1] + cross[1] * P + rate[1] * time_s,
+                (P + more[0] + cross[0] * Q + rate[0] * time_s) * normal,
+                (Q + more[1] + cross[1] * P + rate[1] * time_s) * shear,
             )
 
         def of(s: Snapshot) -> Snapshot:
             # the lens holder follows the change of Q since the reference, not what is misread
-            now = s.conditions
+            now, time_s = s.conditions, s.conditions.time_s - later
             P, Q = misread(now.time_s, now.normal_force_n, now.shear_force_n)
-            changed = replace(now, normal_force_n=P, shear_force_n=Q, time_s=now.time_s - later)
-            return replace(s, conditions=changed)
+            now = replace(now, normal_force_n=P, shear_force_n=Q, time_s=time_s)
+            crept = creep * (rest_s + time_s) if creep else 0.0
+            return _snapshot(s, now, length, lens=shear * lens, crept=crept, distortion=bent)
 
-        by = {"length": length, "normal": normal, "shear": shear, "lens": lens, "creep": creep}
-        drive = [_snapshot(s, **by, rest_s=rest_s, distortion=bent) for s in map(of, self.drive)]
         contact = self.contact
         if contact is not None:
             a, sd = contact.apparent_radius_m, contact.apparent_radius_sd_m
@@ -113,8 +112,8 @@ class Measured:
         forces = self.forces
         if forces is not None:
             P, Q = misread(forces.time_s, forces.normal_n, forces.shear_n)
-            forces = DriveForces(forces.time_s - later, Q * shear, P * normal)
-        return replace(self, drive=drive, contact=contact, forces=forces)
+            forces = DriveForces(forces.time_s - later, Q, P)
+        return replace(self, drive=[*map(of, self.drive)], contact=contact, forces=forces)
 
     def delayed(self, delay: float) -> Measured:
         """With the forces that are read by that much (s) later, and the lens where they have moved
@@ -142,7 +141,7 @@ class Measured:
             # a stiff holder needs no force
             moved = compliance * further if compliance else 0.0
             now = replace(s.conditions, normal_force_n=normal, shear_force_n=shear)
-            return _snapshot(replace(s, conditions=now), lens_m=moved)
+            return _snapshot(s, now, lens_m=moved)
 
         return replace(self, drive=[*map(of, self.drive, *later.tolist())], forces=forces)
 
@@ -206,21 +205,18 @@ class Measured:
 
 def _snapshot(
     s: Snapshot,
-    *,
+    now: Conditions,
     length: float = 1.0,
-    normal: float = 1.0,
-    shear: float = 1.0,
+    *,
     lens: float = 1.0,
     lens_m: float = 0.0,
-    creep: float = 0.0,
-    rest_s: float = 0.0,
+    crept: float = 0.0,
     distortion: float = 0.0,
 ) -> Snapshot:
     # `Measured.given` says what is changed; `lens_m` is what the lens has moved beside
-    now, motion, rings = s.conditions, s.motion, s.rings
+    motion, rings = s.motion, s.rings
     was = motion.lens_m if motion else 0.0
-    here = was * shear * lens + lens_m
-    crept = creep * (rest_s + now.time_s) if creep else 0.0
+    here = was * lens + lens_m
 
     def moved(u: Any, at: Any = 0.0) -> Any:
         # what is seen along x at the radius `at`, on average over the azimuth
@@ -228,11 +224,7 @@ def _snapshot(
 
     return replace(
         s,
-        conditions=replace(
-            now,
-            normal_force_n=now.normal_force_n * normal,
-            shear_force_n=now.shear_force_n * shear,
-        ),
+        conditions=now,
         motion=motion
         and FrameMotion(
             here, moved(motion.centre_ux_m), motion.centre_ux_sd_m * length, motion.drive_angle_rad

@@ -16,14 +16,13 @@ from analysis.friction.local_law import LocalLaw
 from analysis.friction.onset import Onset, sliding_onset
 from analysis.friction.pressure import check_pressure, modulus_of_width
 from analysis.friction.uneven_drive import even_time
-from analysis.mechanics import hertz
 from analysis.mechanics.interface import elastic_length
 from app.evaluation.budget import Budget, Measured, Values, budget
 from app.evaluation.history import DriveForces
 from app.evaluation.law_fit import Inverted, inverted
 from app.evaluation.loops import local_results
 from app.evaluation.readings import NOTHING_SEEN, creep_in_sliding, readings
-from app.evaluation.setup import sensor_chain
+from app.evaluation.setup import hertz_radius_m, sensor_chain
 from app.evaluation.slides import slide_results
 from app.evaluation.tractions import PEAK_REACH
 from app.records.legs import first_loading
@@ -58,13 +57,6 @@ def attempt(notes: list[str], what: str, estimator: Callable[[], T], otherwise: 
         if not any(note.startswith(f"{what} failed") for note in notes):
             notes.append(f"{what} failed, first with {type(error).__name__}: {error}")
         return otherwise
-
-
-def hertz_radius_m(config: Config, normal_force_n: float) -> float:
-    """Hertz contact radius of the settings' sample at a normal force, NaN for none."""
-    if not normal_force_n > 0:
-        return math.nan
-    return float(hertz.contact_radius(normal_force_n, *config.sample.bodies))
 
 
 def onset_of(measured: Measured, law: LocalLaw) -> Onset:

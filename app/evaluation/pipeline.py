@@ -27,7 +27,7 @@ from analysis.dic.updating import UpdatingTracker
 from analysis.friction.stick import fit_stick_radius
 from analysis.undistorted import ideal_displacement
 from app.evaluation.ahead import Ahead
-from app.evaluation.conclusions import Conclusion, attempt, conclude, hertz_radius_m
+from app.evaluation.conclusions import Conclusion, attempt, conclude
 from app.evaluation.frame_analysis import Following
 from app.evaluation.history import DriveForces
 from app.evaluation.pictures_at_rest import OUTSIDE, find_contact, find_pull, without
@@ -35,6 +35,7 @@ from app.evaluation.roundness import Roundness
 from app.evaluation.setup import (
     full_slip_stress,
     grid_of,
+    hertz_radius_m,
     is_behind,
     pixel_correction,
     places_m,

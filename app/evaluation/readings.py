@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from analysis.arrays import F64
-from analysis.mechanics import hertz
 from analysis.mechanics.relaxation import lag_weights
 from analysis.options import options
 from analysis.robust import robust_sd, serial_inflation
 from analysis.settings import Sample
 from app.evaluation.history import DriveForces
+from app.evaluation.setup import hertz_radius_m
 from app.records.record_types import Phase, RingProfile, Snapshot
 from app.records.snapshot_numbers import all_series, known_series
 from app.settings.sections import Config
@@ -430,9 +430,7 @@ def _drift_at_rest(config: Config, rest: list[Snapshot], normal_force_n: float) 
     """Velocity of the contact in the picture before the drive, along it, from the frames at rest;
     unknown where it was not measured.
     """
-    if not normal_force_n > 0:
-        return UNKNOWN
-    a = float(hertz.contact_radius(normal_force_n, *config.sample.bodies))
+    a = hertz_radius_m(config, normal_force_n)
     means = np.array([_mean_within(s.rings, a) for s in rest])
     t = np.array([s.sample for s in rest]) / config.forces.sample_rate
     u, t = means[known := np.isfinite(means)], t[known]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from analysis.arrays import F64
 from analysis.calibration.forces import SensorChain
 from analysis.grid import Grid
+from analysis.mechanics import hertz
 from analysis.options import as_written
 from analysis.undistorted import ideal_places
 from app.records.analog_channels import Channels
@@ -92,6 +93,13 @@ def zeroed(chain: SensorChain, event: Event) -> SensorChain:
             f" '{event.text[:80]}'; somebody changed the session, use a copy of it if there is one"
         )
     return replace(chain, zero_v=zero_v)
+
+
+def hertz_radius_m(config: Config, normal_force_n: float) -> float:
+    """Hertz contact radius of the settings' sample at a normal force, NaN for none."""
+    if not normal_force_n > 0:
+        return math.nan
+    return hertz.contact_radius(normal_force_n, *config.sample.bodies)
 
 
 def grid_of(config: Config) -> Grid:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,17 @@ from app.settings.protocol_steps import Hold, Motion
 
 FEWEST_MOVING = 5  # frames of a step whose velocity is told
 FEWEST_BLOCKS = 3 * MIN_FRAMES  # of samples in a slide
+COLUMNS = (  # of the summary, a number for each slide
+    "slide_step",
+    "slide_hold_s",
+    "slide_velocity_m_s",
+    "slide_peak",
+    "slide_peak_sd",
+    "slide_mu_d",
+    "slide_mu_d_sd",
+    "slide_rise",
+    "slide_rise_sd",
+)
 
 
 class _Slid(NamedTuple):
@@ -57,30 +69,18 @@ def slide_results(measured: Measured, notes: list[str], slip_m: float) -> dict[s
             f" {'step' if len(lacking) == 1 else 'steps'} {', '.join(lacking)} are missing or come"
             " after those that are kept; a peak between two frames is measured too low"
         )
-    holds, rises, rise_sds = [], [], []
+    rows = []
     for i, slide in enumerate(slides):
         stopped = frames.get(slides[i - 1].step + 1) if i else None
         held = slide.began_s - _began_s(stopped) if stopped else 0.0
         before = slides[i - 1].friction if i and slides[i - 1].way == slide.way else Slide()
-        is_rise = held > 0 and isinstance(run.protocol[slide.step - 2], Hold)
-        friction = slide.friction
-        holds.append(held)
-        rises.append(friction.peak - before.mu_d if is_rise else math.nan)
-        sd = math.hypot(friction.peak_sd, before.mu_d_sd)
-        rise_sds.append(sd if is_rise else math.nan)
-    found: dict[str, Any] = {
-        "slide_step": tuple(slide.step for slide in slides),
-        "slide_hold_s": tuple(holds),
-        "slide_velocity_m_s": tuple(slide.velocity for slide in slides),
-        "slide_peak": tuple(slide.friction.peak for slide in slides),
-        "slide_peak_sd": tuple(slide.friction.peak_sd for slide in slides),
-        "slide_mu_d": tuple(slide.friction.mu_d for slide in slides),
-        "slide_mu_d_sd": tuple(slide.friction.mu_d_sd for slide in slides),
-        "slide_rise": tuple(rises),
-        "slide_rise_sd": tuple(rise_sds),
-    }
-    if any(math.isfinite(rise) for rise in rises):
-        ageing = fit_ageing(holds, rises, rise_sds)
+        now, rise = slide.friction, (math.nan, math.nan)
+        if held > 0 and isinstance(run.protocol[slide.step - 2], Hold):
+            rise = now.peak - before.mu_d, math.hypot(now.peak_sd, before.mu_d_sd)
+        rows.append((slide.step, held, slide.velocity, *astuple(now), *rise))
+    found: dict[str, Any] = dict(zip(COLUMNS, zip(*rows, strict=True), strict=True))
+    if any(map(math.isfinite, found["slide_rise"])):
+        ageing = fit_ageing(found["slide_hold_s"], found["slide_rise"], found["slide_rise_sd"])
         notes.extend(ageing.notes)
         found |= {
             "ageing_rate": ageing.rate,

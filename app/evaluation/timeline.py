@@ -88,9 +88,7 @@ class Timeline:
 
     def row_of(self, frame: int) -> int:
         """Row of a frame, or of the nearest one that has an image."""
-        after = int(np.searchsorted(self.frames, frame))
-        near = [row for row in (after - 1, after) if 0 <= row < len(self.frames)]
-        return min(near, key=lambda row: abs(int(self.frames[row]) - frame))
+        return int(np.argmin(np.abs(self.frames - frame)))
 
     def row_at(self, sample: float) -> int:
         """Row of the last frame whose exposure began by then; the first row before that."""
@@ -98,9 +96,7 @@ class Timeline:
 
     def nearest(self, sample: float) -> int:
         """Number of the frame whose exposure began nearest to a sample."""
-        row = self.row_at(sample)
-        rows = [row, min(row + 1, len(self.frames) - 1)]
-        return int(self.frames[min(rows, key=lambda k: abs(float(self.samples[k]) - sample))])
+        return int(self.frames[np.argmin(np.abs(self.samples - sample))])
 
     def middle_of(self, frame: int) -> float:
         """Sample in the middle of a frame's exposure, to which its forces and travel belong."""

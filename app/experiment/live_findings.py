@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from app.evaluation.setup import hertz_radius_m
 from app.records.record_types import Phase, Snapshot
 from app.settings.protocol_steps import Motion
 from app.settings.sections import Config
@@ -78,8 +79,6 @@ class LiveFindings:
         return self._seen
 
     def _stick_share(self, newest: Snapshot) -> float:
-        from app.evaluation.conclusions import hertz_radius_m
-
         a = hertz_radius_m(self._config, newest.conditions.normal_force_n)
         return newest.stick_radius[0] / a if a > 0 else math.nan
 

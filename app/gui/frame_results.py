@@ -14,6 +14,7 @@ import numpy as np
 from analysis.arrays import U8
 from analysis.mechanics import cattaneo_mindlin, hertz
 from analysis.saturation import end_of_scale
+from app.evaluation.setup import hertz_radius_m
 from app.gui.cells import number, short, typeset
 from app.gui.scales import Range, is_one_signed, robust_range
 from app.gui.source import Point, Rect, Setup, centres_px
@@ -364,11 +365,3 @@ def circles(
     apparent_m = contact.apparent_radius_m if contact else math.nan
     radii_m = apparent_m, stick_m, hertz_radius_m(setup.config, normal_n)
     return Circles(centre, *(radius * 1e6 / setup.pixel_um for radius in radii_m))
-
-
-def hertz_radius_m(config: Config, normal_n: float) -> float:
-    """a_H of the settings' sample under a load; NaN without one."""
-    if not normal_n > 0:
-        return math.nan
-    sample = config.sample
-    return hertz.contact_radius(normal_n, sample.young_modulus, sample.poisson, sample.lens_radius)

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from analysis.mechanics import cattaneo_mindlin
+from app.evaluation.setup import hertz_radius_m
 from app.gui.cells import number
 from app.gui.charts import Chart, ChartMark, Guide, Line, Span
-from app.gui.frame_results import FrameResults, Profile, hertz_radius_m
+from app.gui.frame_results import FrameResults, Profile
 from app.gui.run_curves import Curves, ForceStrips, time_axis
 from app.gui.source import Setup
 from app.records.legs import stage_travel

@@ -119,11 +119,9 @@ def stiffness_at(run: FigureRun, pressure: float) -> tuple[float, float]:
     ring tells L.
     """
     s = run.summary
-    rings = (s.pressure_pa, s.pressure_sd_pa, s.interface_stiffness_pa_m,
-             s.interface_stiffness_sd_pa_m)  # fmt: skip
-    if len({len(values) for values in rings}) > 1:
-        return math.nan, math.nan
-    return _at_length(pressure, *stiffness_length(*rings))
+    length = stiffness_length(s.pressure_pa, s.pressure_sd_pa, s.interface_stiffness_pa_m,
+                              s.interface_stiffness_sd_pa_m)  # fmt: skip
+    return _at_length(pressure, *length)
 
 
 def _at_length(pressure: float, length: float, sd: float) -> tuple[float, float]:

@@ -19,7 +19,7 @@ from app.report.paper.runs import FigureRun, Runs
 
 PracticeRows = list[tuple[str, str, str]]
 """Rows of the table: heading of their part, item, value."""
-_Items = list[tuple[str, str]]
+_Items = dict[str, str]
 
 UNKNOWN = "not recorded"
 CRITERIA = {
@@ -37,7 +37,7 @@ def practice_rows(runs: Runs) -> PracticeRows:
     """All items; where runs differ, the value of each with its load."""
     rows: PracticeRows = []
     for part, items in (("measurement", _hardware), ("analysis", _analysis)):
-        tables = [dict(items(run)) for run in runs]
+        tables = [items(run) for run in runs]
         rows += [
             (part, item, _of_all(runs, [table[item] for table in tables])) for item in tables[0]
         ]
@@ -74,21 +74,21 @@ def _hardware(run: FigureRun) -> _Items:
     gain = UNKNOWN if camera.gain < 0 else f"{camera.gain:g} dB"
     shutter = f"rolling, corrected for {camera.readout * 1e3:.4g} ms" if camera.readout else ""
     wide, high = camera.width * pixel * 1e3, camera.height * pixel * 1e3
-    return [
-        ("camera", f"{device}; maker and model {UNKNOWN}"),
-        ("image size", f"{camera.width} x {camera.height} px, {bits} bit"),
-        ("lens, focal length, aperture", UNKNOWN),
-        ("image scale", f"{pixel * 1e6:.4g} µm/px ± {100 * config.uncertainty.pixel:.2g} %"),
-        ("distortion corrected", f"{100 * camera.distortion:.3g} % at a corner of the picture"),
-        ("shutter", shutter or "global, or not corrected for its rows"),
-        ("field of view", f"{wide:.2f} mm x {high:.2f} mm"),
-        ("stand-off distance", UNKNOWN),
-        ("frame rate", f"{config.frame_rate_hz:.4g} images/s, triggered by the sample clock"),
-        ("exposure", f"{camera.exposure * 1e3:.4g} ms; gain {gain}"),
-        ("lighting", UNKNOWN),
-        ("pattern", "the rough surface itself: asperities and micro-contacts; nothing applied"),
-        ("images", f"{len(run.run.frames)} at {run.name}"),
-    ]
+    return {
+        "camera": f"{device}; maker and model {UNKNOWN}",
+        "image size": f"{camera.width} x {camera.height} px, {bits} bit",
+        "lens, focal length, aperture": UNKNOWN,
+        "image scale": f"{pixel * 1e6:.4g} µm/px ± {100 * config.uncertainty.pixel:.2g} %",
+        "distortion corrected": f"{100 * camera.distortion:.3g} % at a corner of the picture",
+        "shutter": shutter or "global, or not corrected for its rows",
+        "field of view": f"{wide:.2f} mm x {high:.2f} mm",
+        "stand-off distance": UNKNOWN,
+        "frame rate": f"{config.frame_rate_hz:.4g} images/s, triggered by the sample clock",
+        "exposure": f"{camera.exposure * 1e3:.4g} ms; gain {gain}",
+        "lighting": UNKNOWN,
+        "pattern": "the rough surface itself: asperities and micro-contacts; nothing applied",
+        "images": f"{len(run.run.frames)} at {run.name}",
+    }
 
 
 def _analysis(run: FigureRun) -> _Items:
@@ -104,25 +104,23 @@ def _analysis(run: FigureRun) -> _Items:
     update = {"never": "the image at rest under load, for all images"}.get(
         dic.update, f"updated: {dic.update}"
     )
-    return [
-        ("DIC software", f"SlipScope, method {dic.method}"),
-        ("reference image", update),
-        ("image pre-filtering", "none"),
-        ("subset (box) size", f"{dic.box} px ({dic.box * pixel * 1e6:.0f} µm)"),
-        ("step", f"{dic.step} px ({dic.step * pixel * 1e6:.0f} µm)"),
-        ("subset shape function", shape),
-        ("matching criterion", CRITERIA.get(dic.method, dic.method)),
-        ("interpolant", dict(dic.retired).get("interpolant", MATCHED)),
-        (
-            "spatial resolution",
-            f"as a plain mean over a box of {blur:.3g} px ({blur * pixel * 1e6:.0f} µm)",
+    return {
+        "DIC software": f"SlipScope, method {dic.method}",
+        "reference image": update,
+        "image pre-filtering": "none",
+        "subset (box) size": f"{dic.box} px ({dic.box * pixel * 1e6:.0f} µm)",
+        "step": f"{dic.step} px ({dic.step * pixel * 1e6:.0f} µm)",
+        "subset shape function": shape,
+        "matching criterion": CRITERIA.get(dic.method, dic.method),
+        "interpolant": dict(dic.retired).get("interpolant", MATCHED),
+        "spatial resolution": (
+            f"as a plain mean over a box of {blur:.3g} px ({blur * pixel * 1e6:.0f} µm)"
         ),
-        (
-            "points left out",
+        "points left out": (
             f"correlation below {dic.min_correlation:g}, contrast below {dic.min_contrast:g} grey"
-            f" levels, or more than {100 * dic.max_saturated:g} % of the box saturated",
+            f" levels, or more than {100 * dic.max_saturated:g} % of the box saturated"
         ),
-        ("post-filtering of displacements", "none of the fields; means over rings for profiles"),
-        ("displacement noise floor", floor),
-        ("strain, virtual strain gauge", "not applicable: no strain is computed"),
-    ]
+        "post-filtering of displacements": "none of the fields; means over rings for profiles",
+        "displacement noise floor": floor,
+        "strain, virtual strain gauge": "not applicable: no strain is computed",
+    }

@@ -88,8 +88,6 @@ def _inputs(summaries: Sequence[Summary], quantity: str) -> F64:
 
 
 def _stiffness_length(s: Summary) -> tuple[float, float]:
-    if len(s.interface_stiffness_pa_m) != len(s.pressure_pa):
-        return math.nan, math.nan
     return stiffness_length(
         s.pressure_pa, s.pressure_sd_pa, s.interface_stiffness_pa_m, s.interface_stiffness_sd_pa_m
     )

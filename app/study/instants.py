@@ -14,9 +14,8 @@ from analysis.arrays import F64
 from analysis.contact.orientation import Direction
 from analysis.inversion.material import as_seen
 from analysis.inversion.regularised import RegularisedInversion
-from app.evaluation.conclusions import hertz_radius_m
 from app.evaluation.pipeline import Pipeline
-from app.evaluation.setup import grid_of, places_m
+from app.evaluation.setup import grid_of, hertz_radius_m, places_m
 from app.evaluation.tractions import mask_radius_m
 from app.evaluation.undistorted_fields import undistorted
 from app.records.effort import Effort, Product

@@ -19,9 +19,9 @@ from analysis.inversion import axisymmetric
 from analysis.mechanics import greenwood_tripp
 from app.evaluation import conclusions, law_fit
 from app.evaluation.budget import Budget, Measured, budget
-from app.evaluation.conclusions import conclude, hertz_radius_m, results_of
+from app.evaluation.conclusions import conclude, results_of
 from app.evaluation.readings import Readings
-from app.evaluation.setup import grid_of
+from app.evaluation.setup import grid_of, hertz_radius_m
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
 from app.records.summary import Summary
 from app.report.summary_rows import budget_data, budget_rows, summary_rows

@@ -6,7 +6,7 @@ import pytest
 from loads import ROUGH
 from short_run import without_budget
 
-from app.evaluation.conclusions import hertz_radius_m
+from app.evaluation.setup import hertz_radius_m
 from app.runs.live import scenario
 from app.session.results import read_results
 from app.settings.config import ConfigError, from_record

@@ -107,16 +107,12 @@ class FigureRun:
     @property
     def hertz_radius(self) -> float:
         """a_H by the modulus of the settings."""
-        return self._hertz_radius(self.config.sample.young_modulus)
+        return hertz.contact_radius(self.P, *self.config.sample.bodies)
 
     @property
     def own_hertz_radius(self) -> float:
         """a_H by the modulus of the run."""
-        return self._hertz_radius(self.E)
-
-    def _hertz_radius(self, E: float) -> float:
-        sample = self.config.sample
-        return hertz.contact_radius(self.P, E, sample.poisson, sample.lens_radius)
+        return hertz.contact_radius(self.P, self.E, *self.config.sample.bodies[1:])
 
     @property
     def apparent_radius(self) -> float:
