@@ -14,11 +14,17 @@ from app.settings import config
 PATIENCE_S = 400.0
 
 
-def done(source: Any) -> Outcome:
-    """Begin a run, a replay or an analysis; its outcome, which must be no failure."""
+def ended(source: Any) -> Outcome:
+    """Begin a run, a replay or an analysis; its outcome."""
     source.start()
     outcome: Outcome | None = source.wait(PATIENCE_S)
     assert outcome is not None, "it did not end"
+    return outcome
+
+
+def done(source: Any) -> Outcome:
+    """The same, which must be no failure."""
+    outcome = ended(source)
     assert outcome.state == "done", outcome.reason
     return outcome
 

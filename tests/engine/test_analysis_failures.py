@@ -5,7 +5,7 @@ import threading
 import pytest
 import short_run
 from short_run import TRACTION
-from whole_runs import replayed
+from whole_runs import ended, replayed
 
 from app.acquisition import analysis_thread
 from app.evaluation import conclusions, pictures_at_rest, pipeline
@@ -37,8 +37,7 @@ class Fragile(Pipeline):
 def run_with(path, fragile, times=99, *, more=()):
     settings = config.load(None, [*SMALL, *more])
     run = live.make_run(settings, path, pace=None, pipeline=Fragile(settings, fragile, times))
-    run.start()
-    return run.wait(300)
+    return ended(run)
 
 
 def restarts(path):

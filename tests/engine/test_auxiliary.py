@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import short_run
 from short_run import SMALL
-from whole_runs import recorded
+from whole_runs import done, ended, recorded
 
 from app.cli.inspect import info
 from app.files.exporting import export
@@ -81,9 +81,7 @@ def test_they_are_exported_and_shown(session, tmp_path, capsys):
 
 
 def test_a_further_analysis_leaves_them_where_they_are(session):
-    again = Reanalysis(session, session.with_name("again.h5"), pace=None, overrides=["dic.box=24"])
-    again.start()
-    again.wait(300)
+    done(Reanalysis(session, session.with_name("again.h5"), pace=None, overrides=["dic.box=24"]))
     with Session(session.with_name("again.h5")) as s:
         assert s.auxiliary == {}
 
@@ -139,20 +137,16 @@ def test_the_emulated_board_samples_them_like_the_simulated_one():
 def test_a_source_that_has_none_is_refused_at_the_first_block(tmp_path, monkeypatch):
     read = SimForces.read
     monkeypatch.setattr(SimForces, "read", lambda *asked: replace(read(*asked), auxiliary=None))
-    run = live.make_run(load(None, [*short_run.SHORT, SETTING]), tmp_path / "run.h5", pace=None)
-    run.start()
-    outcome = run.wait(300)
+    settings = load(None, [*short_run.SHORT, SETTING])
+    outcome = ended(live.make_run(settings, tmp_path / "run.h5", pace=None))
     assert outcome.state == "failed"
     assert "asks for 2 further channels, it delivers 0" in outcome.reason
 
 
 def test_a_recording_is_refused_before_the_first_block(session, tmp_path):
     played = ("forces.source=replay", f"replay.session={session.as_posix()}")
-    run = live.make_run(
-        load(None, [*short_run.SHORT, SETTING, *played]), tmp_path / "run.h5", pace=None
-    )
-    run.start()
-    outcome = run.wait(300)
+    settings = load(None, [*short_run.SHORT, SETTING, *played])
+    outcome = ended(live.make_run(settings, tmp_path / "run.h5", pace=None))
     assert (outcome.state, outcome.counts.samples) == ("failed", 0)
     assert "asks for 2 further channels; set forces.auxiliary = []" in outcome.reason
 

@@ -25,7 +25,7 @@ from app.evaluation.law_fit import force_noise
 from app.evaluation.loops import local_results
 from app.evaluation.pipeline import Pipeline
 from app.evaluation.readings import Readings, readings
-from app.evaluation.setup import forces_of, sensor_chain
+from app.evaluation.setup import forces_of, hertz_radius_m, sensor_chain
 from app.evaluation.slides import slide_results
 from app.evaluation.tractions import mask_radius_m
 from app.records.record_types import (
@@ -123,9 +123,7 @@ def test_the_motion_of_the_centre_is_that_of_the_middle_of_the_bowl(monkeypatch,
     about the true one: its value beside it, which counted, brought t_s forward.
     """
     config = load(None, SETTINGS)
-    a = hertz.contact_radius(
-        P, config.sample.young_modulus, config.sample.poisson, config.sample.lens_radius
-    )
+    a = hertz_radius_m(config, P)
     rows, columns = config.camera.shape
     centre = (columns - 1) / 2 + off[0], (rows - 1) / 2 + off[1]
     found = ApparentContact(centre_px=centre, centre_sd_px=(40.0, 40.0), radius_px=a / PIXEL)
@@ -161,8 +159,7 @@ def test_rings_are_about_the_place_to_which_the_lens_has_moved(monkeypatch):
 
 def test_the_traction_of_full_slip_is_mu_times_the_pressure_at_the_centre(monkeypatch):
     config = load(None, SETTINGS)
-    s = config.sample
-    a = hertz.contact_radius(P, s.young_modulus, s.poisson, s.lens_radius)
+    s, a = config.sample, hertz_radius_m(config, P)
     config = replace(config, camera=replace(config.camera, pixel=a / 120))
     pixel, about = a / 120, (MU, P, a, s.young_modulus, s.poisson)
     Q = 0.6 * MU * P
@@ -335,8 +332,7 @@ def test_creep_at_rest_is_that_of_the_mean_over_the_contact_in_time(creep):
     its edge, where rings count by their area.
     """
     config = load(None, SETTINGS)
-    s, rate = config.sample, config.forces.sample_rate
-    a = hertz.contact_radius(P, s.young_modulus, s.poisson, s.lens_radius)
+    a, rate = hertz_radius_m(config, P), config.forces.sample_rate
     r = (np.arange(60) + 0.5) * a / 40
     shots = []
     for n in range(40):
@@ -348,11 +344,9 @@ def test_creep_at_rest_is_that_of_the_mean_over_the_contact_in_time(creep):
 
 def test_beyond_the_mask_a_rough_contact_has_less_than_a_hundredth_of_its_pressure():
     config = load(None, (*SETTINGS, "camera.pixel=0.5"))
-    s = config.sample
-    material = s.young_modulus, s.poisson, s.lens_radius
-    a = hertz.contact_radius(P, *material)
-    rough = greenwood_tripp.rough_contact(P, *material, s.roughness)
-    assert rough.pressure(mask_radius_m(config, a)) < 0.01 * rough.peak_pressure
+    s, mask_m = config.sample, mask_radius_m(config, hertz_radius_m(config, P))
+    rough = greenwood_tripp.rough_contact(P, *s.bodies, s.roughness)
+    assert rough.pressure(mask_m) < 0.01 * rough.peak_pressure
 
 
 def test_inputs_add_up_as_the_root_of_their_squares():

@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from short_run import SMALL
-from whole_runs import frames_of
+from whole_runs import frames_of, recorded
 
 from analysis.contact.apparent import background_difference
 from analysis.contact.registration import rigid_shift
 from analysis.dic import Correlation, open_tracker
 from analysis.dic.fixed_pattern import Pull, fixed_pattern, pull_of
 from app.evaluation.pipeline import Pipeline
-from app.runs import live
 from app.settings import config
 
 SHAPE, SHIFT = (480, 640), (3.3, -1.7)
@@ -101,10 +100,7 @@ def test_a_run_tells_a_pattern_and_undoes_it_where_it_is_asked_to(
     settings: tuple[str, ...], words: tuple[str, ...], tmp_path: Path
 ) -> None:
     size = ("camera.width=640", "camera.height=480", "run.travel=10")
-    run = live.make_run(config.load(None, [*SMALL, *size, *settings]), tmp_path / "a.h5", pace=None)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome is not None
+    outcome = recorded(tmp_path / "a.h5", *SMALL, *size, *settings)
     assert outcome.summary is not None
     told = [note for note in outcome.summary.notes if note.startswith("picture: ")]
     assert len(told) == bool(words)
@@ -117,10 +113,9 @@ def test_a_pattern_is_undone_in_the_frames_of_the_run_itself(tmp_path: Path) -> 
     size = ("camera.width=640", "camera.height=480", "run.travel=40")
     way_m = {}
     for share in (0, 3):
-        used = config.load(None, [*SMALL, *size, f"sim.unequal_pixels={share}"])
-        run = live.make_run(used, tmp_path / f"{share}.h5", pace=None)
-        run.start()
-        run.wait(300)
+        settings = (*SMALL, *size, f"sim.unequal_pixels={share}")
+        recorded(tmp_path / f"{share}.h5", *settings)
+        used = config.load(None, settings)
         for asked in ("tell", "undo")[: 1 + share]:
             asking = replace(used, camera=replace(used.camera, fixed_pattern=asked))
             with closing(Pipeline(asking)) as pipeline:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 from short_run import SMALL
-from whole_runs import recorded, replayed
+from whole_runs import done, ended, recorded, replayed
 
 from app.bench_checks.bench_check import check
 from app.evaluation.setup import pattern_of
@@ -104,11 +104,8 @@ def test_a_session_keeps_the_map_and_replays_to_the_bit_without_its_certificate(
 
 def test_a_further_analysis_uses_and_keeps_the_map_unless_another_is_named(folder):
     for name, settings, is_kept in (("again.h5", (), True), ("without.h5", (naming(),), False)):
-        analysis = Reanalysis(
-            folder / "mapped.h5", folder / name, pace=None, overrides=settings, overwrite=True
-        )
-        analysis.start()
-        assert analysis.wait(300).state == "done"
+        named = {"overrides": settings, "overwrite": True}
+        done(Reanalysis(folder / "mapped.h5", folder / name, pace=None, **named))
         with SessionReader(folder / name) as session:
             assert (session.pattern() is not None) == is_kept
     for a, b in (("again.h5", "mapped.h5"), ("without.h5", "raw.h5")):
@@ -134,8 +131,7 @@ def test_a_session_that_was_cut_short_is_repaired_with_its_map(folder, tmp_path)
         raise UserError("the computer lost its power")
 
     run = live.make_run(config.load(None, [*settings]), path, pace=None, make=cut)
-    run.start()
-    run.wait(300)
+    ended(run)
     assert journal_of(path).exists()
     repair(path, tmp_path / "whole.h5")
     with SessionReader(tmp_path / "whole.h5") as session:

@@ -127,9 +127,9 @@ def test_sensors_that_read_late_are_told_and_in_the_uncertainty() -> None:
     assert abs(delay_ms - 90) < 3 * sd_ms < 50
     assert abs(asked_ms - delay_ms) < 1
     was, is_late = at_once.young_modulus_pa, late.young_modulus_pa
-    row = dict(zip(late.budget_inputs, share_of(late, "young_modulus"), strict=True))
+    share = late.shares("young_modulus")["delay of the forces"]
     assert is_late > 1.01 * was
-    assert 0.5 * (is_late / was - 1) < abs(row["delay of the forces"]) < 2 * (is_late / was - 1)
+    assert 0.5 * (is_late / was - 1) < abs(share) < 2 * (is_late / was - 1)
     assert "delay of the forces" not in at_once.budget_inputs
 
 
@@ -183,10 +183,15 @@ def sheared(
     return frames
 
 
+def one_way(delay: float = 0.0, lens: float = 0.0, **more: float) -> list[Snapshot]:
+    """The first half of that drive."""
+    return [s for s in sheared(delay, lens, **more) if s.conditions.time_s < 4.0]
+
+
 def test_a_drive_one_way_tells_no_delay() -> None:
     """A traction that is wrong while the contact slips looks like one."""
     for delay, slip in ((0.0, 0.05), (0.04, 0.0)):
-        half = [s for s in sheared(delay, 0.0, slip=slip) if s.conditions.time_s < 4.0]
+        half = one_way(delay, slip=slip)
         seen = readings(Config(), half, half, half)
         assert seen.delay == 0.0
         assert not any("Q is read" in note for note in seen.notes)
@@ -223,8 +228,7 @@ def test_a_delay_does_not_depend_on_the_modulus_of_the_settings(factor: float) -
 
 @pytest.mark.parametrize("turns_back", [False, True])
 def test_a_modulus_that_depends_on_time_is_told(turns_back: bool) -> None:
-    frames = sheared(0.0, 0.0, creep=0.06)
-    half = [s for s in frames if s.conditions.time_s < 4.0]
+    frames, half = sheared(0.0, 0.0, creep=0.06), one_way(creep=0.06)
     (told,) = readings(Config(), half, half, frames if turns_back else half).notes
     found = re.search(
         r"pictures show changed by (-[0-9.]+) \+- ([0-9.]+) %: the lens .* the modulus", told
@@ -238,7 +242,7 @@ def test_a_modulus_that_depends_on_time_is_told(turns_back: bool) -> None:
 
 
 def test_a_load_that_relaxes_is_told() -> None:
-    half = [s for s in sheared(0.0, 0.0, load=0.01) if s.conditions.time_s < 4.0]
+    half = one_way(load=0.01)
     (told,) = (n for n in readings(Config(), half, half, half).notes if "loading P" in n)
     found = re.search(r"loading P changed by (-[0-9.]+) \+- ([0-9.]+) mN", told)
     assert found is not None
@@ -306,7 +310,7 @@ def test_zeros_and_cross_terms_are_as_large_whatever_their_sign(sign: float) -> 
 
 def test_a_zero_of_the_shear_force_that_drifts_is_told_by_the_loading() -> None:
     """As fast as it drifts: beside that the sensor reads 3 % too much."""
-    half = [s for s in sheared(0.0, 0.0) if s.conditions.time_s < 4.0]
+    half = one_way()
     assert readings(Config(), half, half, half).zero_drift == (0.0, 0.0)
     now = [replace(s.conditions, shear_force_n=s.conditions.shear_force_n + 3e-3 *
                    s.conditions.time_s) for s in half]  # fmt: skip
@@ -452,12 +456,6 @@ def test_the_lens_is_where_forces_of_another_time_have_moved_it() -> None:
         assert s.motion.centre_ux_m == pytest.approx(block - lens, abs=1e-15)
         np.testing.assert_allclose(s.rings.ux_m, block - lens, atol=1e-15)
         assert (s.motion.centre_ux_sd_m, s.rings.radius_m[0]) == (1e-9, 1e-5)
-
-
-def share_of(summary: Summary, result: str) -> list[float]:
-    """The relative change of a result by each input of its budget."""
-    column = summary.budget_quantities.index(result)
-    return list(summary.budget[column :: len(summary.budget_quantities)])
 
 
 @pytest.mark.parametrize("jump", [0.0, 1.0])

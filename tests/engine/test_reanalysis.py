@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import whole_runs
-from whole_runs import PATIENCE_S, replayed
+from whole_runs import PATIENCE_S, done, ended, replayed
 
 from app.evaluation.pipeline import Pipeline
 from app.records.effort import Effort, Product
@@ -74,11 +74,8 @@ def session(recorded, tmp_path):
 
 def analysed(session, name, *overrides, **options):
     """The outcome of another analysis, and its file."""
-    analysis = Reanalysis(
-        session, session.with_name(name), pace=None, overrides=overrides, **options
-    )
-    analysis.start()
-    return analysis.wait(PATIENCE_S), analysis.output
+    output = session.with_name(name)
+    return ended(Reanalysis(session, output, pace=None, overrides=overrides, **options)), output
 
 
 @pytest.mark.slow
@@ -148,8 +145,7 @@ def test_a_session_correlated_as_no_version_does_now_shows_its_fields(session):
         recorded = list(held.snapshots())
     replay = Replay(session, pace=None)
     assert replay.config.dic.noise_box_px < replay.config.dic.box  # still that of a quadratic
-    replay.start()
-    outcome = replay.wait(PATIENCE_S)
+    outcome = ended(replay)
     assert (outcome.state, outcome.reason) == ("failed", sentence)
     assert replay.is_refused
     for one in (recorded[0], recorded[-1]):
@@ -315,8 +311,7 @@ def test_frames_before_one_that_was_altered_are_analysed(session):
     with h5py.File(session, "r+") as file:
         file["entry/instrument/camera/data"][7, 100, 100] += 1
     analysis = Reanalysis(session, session.with_name("b.h5"), pace=None)
-    analysis.start()
-    assert analysis.wait(PATIENCE_S).state == "failed"
+    assert ended(analysis).state == "failed"
     assert [one.frame for one in analysis.look(0).snapshots] == list(range(7))
 
 
@@ -337,10 +332,7 @@ def test_the_next_frame_is_begun_where_it_has_no_time_of_its_own(session, monkey
     assert analysed(session, "b.h5")[0].state == "done"
     assert begun == expected
     begun.clear()
-    replay = Replay(session, pace=None)
-    replay.start()
-    assert replay.wait(PATIENCE_S).state == "done"
-    assert replay.comparison().all_identical
+    assert replayed(session).comparison().all_identical
     assert begun == expected
     begun.clear()
     assert len(run_result(session, threads=1).frames) == len(frames)
@@ -349,13 +341,10 @@ def test_the_next_frame_is_begun_where_it_has_no_time_of_its_own(session, monkey
     replay = Replay(session, pace=None)
     efforts = {n: Effort(int(Product.CONTACT), took_s=n) for n, *_ in frames[::2]}
     monkeypatch.setattr(replay, "_efforts", efforts)
-    replay.start()
-    assert replay.wait(PATIENCE_S).state == "done"
+    done(replay)
     assert [one[-1] for one in begun] == [False] * (len(frames) - 1)
     begun.clear()
-    replay = Replay(session, pace=1e6)
-    replay.start()
-    assert replay.wait(PATIENCE_S).state == "done"
+    done(Replay(session, pace=1e6))
     assert begun == []
 
 

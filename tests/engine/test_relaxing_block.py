@@ -19,6 +19,7 @@ from app.evaluation.budget import Measured, _changes
 from app.evaluation.conclusions import conclude
 from app.evaluation.readings import Relaxes, readings, relaxation_of
 from app.records.record_types import Conditions, FrameMotion, Phase, Snapshot, Traction
+from app.records.snapshot_numbers import all_series, series_of
 from app.settings.config import Config
 
 SAMPLE = Sample(relaxation=0.1, relaxation_time=3.0)
@@ -56,12 +57,10 @@ def drive() -> tuple[list[Snapshot], np.ndarray]:
 def test_what_an_elastic_block_would_show_is_that_of_the_forces() -> None:
     frames, unmoved = drive()
     found = Measured(KNOWN, frames, None).without_relaxation().drive
-    Q = np.array([s.conditions.shear_force_n for s in frames])
-    was = np.array([s.traction.stress_force_n for s in frames])
-    now = np.array([s.traction.stress_force_n for s in found])
+    Q, was = all_series(frames, "shear_force_n", "stress_force_n")
+    now, centre = all_series(found, "stress_force_n", "centre_ux_m")
     assert np.abs(was - Q).max() > 2e-3
     assert np.abs(now - Q).max() < 1e-4
-    centre = np.array([s.motion.centre_ux_m for s in found])
     assert np.abs(centre - unmoved).max() < 2e-9
     assert Measured(BLIND, frames, None).without_relaxation().drive is frames
 
@@ -71,42 +70,42 @@ def test_a_frame_without_a_traction_does_not_tell_where_the_centre_would_be() ->
     gap = [replace(s, traction=None) if s.frame == 30 else s for s in frames]
     found = Measured(KNOWN, gap, None).without_relaxation().drive
     assert math.isnan(found[30].motion.centre_ux_m)
-    later = np.array([s.motion.centre_ux_m for s in found[31:]])
-    np.testing.assert_allclose(later, centre[31:], atol=2e-9)
+    np.testing.assert_allclose(series_of(found[31:], "centre_ux_m"), centre[31:], atol=2e-9)
 
 
 def test_what_an_input_does_to_the_picture_it_does_to_the_block_far_away_too() -> None:
     frames, centre = drive()
-    time = np.array([s.conditions.time_s for s in frames])
     for changed, expected in (
         ({"length": 1.01}, 1.01 * centre),
-        ({"creep": 1e-8}, centre - 1e-8 * time),
+        ({"creep": 1e-8}, centre - 1e-8 * series_of(frames, "time_s")),
     ):
         found = Measured(KNOWN, frames, None).given(**changed).without_relaxation().drive
-        now = np.array([s.motion.centre_ux_m for s in found])
-        np.testing.assert_allclose(now, expected, atol=2e-9)
+        np.testing.assert_allclose(series_of(found, "centre_ux_m"), expected, atol=2e-9)
+
+
+def told_of(config: Config, frames: list[Snapshot]) -> list[str]:
+    """What is said of Q over the shear that the pictures show."""
+    notes = readings(config, frames, frames, frames).notes
+    return [note for note in notes if "pictures show" in note]
 
 
 def test_a_block_that_relaxes_is_told_unless_it_is_known() -> None:
     frames, _ = drive()
-    (told,) = (n for n in readings(BLIND, frames, frames, frames).notes if "pictures show" in n)
+    (told,) = told_of(BLIND, frames)
     assert "changed by -" in told
     found = re.search(r"--set sample.relaxation=(\S+) --set sample.relaxation_time=(\S+), ", told)
     assert found is not None
     assert float(found[1]) == pytest.approx(SAMPLE.relaxation, rel=0.05)
     assert float(found[2]) == pytest.approx(SAMPLE.relaxation_time, rel=0.1)
     elastic = Measured(KNOWN, frames, None).without_relaxation().drive
-    assert not any("pictures show" in n for n in readings(KNOWN, elastic, elastic, elastic).notes)
+    assert not told_of(KNOWN, elastic)
 
 
 @pytest.mark.parametrize(("share", "time"), [(0.05, 3.0), (0.15, 3.0), (0.1, 0.5), (0.1, 20.0)])
 def test_a_wrong_relaxation_is_told(share: float, time: float) -> None:
     frames, _ = drive()
     config = Config(sample=Sample(relaxation=share, relaxation_time=time))
-    corrected = Measured(config, frames, None).without_relaxation().drive
-    (told,) = (
-        n for n in readings(config, corrected, corrected, corrected).notes if "pictures show" in n
-    )
+    (told,) = told_of(config, Measured(config, frames, None).without_relaxation().drive)
     assert "replay with other values of sample.relaxation" in told
 
 
@@ -116,7 +115,7 @@ def test_no_block_that_cannot_be_is_proposed(
 ) -> None:
     frames, _ = drive()
     monkeypatch.setattr("app.evaluation.readings.relaxation_of", lambda _: found)
-    (told,) = (n for n in readings(BLIND, frames, frames, frames).notes if "pictures show" in n)
+    (told,) = told_of(BLIND, frames)
     assert "sample.relaxation=" not in told
 
 
@@ -140,8 +139,7 @@ def test_a_share_is_found_where_there_is_one(share: float) -> None:
 
 def test_what_lags_by_less_than_frames_tell_is_no_relaxation() -> None:
     frames, _ = drive()
-    times = np.array([s.conditions.time_s for s in frames])
-    Q = np.array([s.conditions.shear_force_n for s in frames])
+    times, Q = all_series(frames, "time_s", "shear_force_n")
     seen = np.interp(times - 0.06, times, Q)
     late = [
         replace(s, traction=replace(s.traction, stress_force_n=float(one)))
@@ -154,8 +152,7 @@ def test_what_lags_by_less_than_frames_tell_is_no_relaxation() -> None:
 def test_the_onset_is_that_of_the_relaxed_block_and_is_said_to_be() -> None:
     frames, centre = drive()
     known, blind = (conclude(config, frames, None, []) for config in (KNOWN, BLIND))
-    late = [s.conditions.time_s for s in frames][-20:]
-    line = np.polyfit(late, centre[-20:], 1)
+    line = np.polyfit(series_of(frames[-20:], "time_s"), centre[-20:], 1)
     assert known.summary.onset_time_s == pytest.approx(-line[1] / line[0], abs=0.02)
     assert abs(blind.summary.onset_time_s - known.summary.onset_time_s) > 0.05
     (told,) = (n for n in known.summary.notes if n.startswith("block:"))

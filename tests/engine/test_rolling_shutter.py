@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import short_run
-from whole_runs import PATIENCE_S, recorded, replayed
+from whole_runs import done, recorded, replayed
 
 from analysis.dic.rolling_shutter import RollingShutter
 from app.evaluation.pipeline import Pipeline
@@ -175,8 +175,7 @@ def test_a_replay_gives_the_same_bits_and_the_session_says_by_what_it_is_correct
         assert "readout = 40.0" in reader.header.config_toml
     assert replayed(session).verdict().agrees
     other = Replay(session, pace=None, overrides=("camera.readout=0",))
-    other.start()
-    other.wait(PATIENCE_S)
+    done(other)
     assert not other.verdict().agrees
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from whole_runs import ended
 
 from app.records.summary import Summary
 from app.report.summary_rows import slide_rows, summary_rows
@@ -31,9 +32,7 @@ def ran(path: Path, bench: str, *overrides: str) -> tuple[Summary, World]:
     settings = config.load(Path(bench), [*TINY, *overrides])
     run = live.make_run(settings, path, pace=None)
     world: World = run._bench.actuator._world  # type: ignore[attr-defined]
-    run.start()
-    outcome = run.wait(400)
-    assert outcome is not None
+    outcome = ended(run)
     assert outcome.is_complete, outcome.reason
     assert outcome.summary is not None
     return outcome.summary, world

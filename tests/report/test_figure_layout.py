@@ -8,6 +8,7 @@ from typing import Any
 import closed_form as exact
 import numpy as np
 import pytest
+from covered_texts import covered_or_outside
 
 from app.records.study_results import RunResult, StudyResults
 from app.report.paper.collection import FIGURES, draw, stem
@@ -90,47 +91,13 @@ def test_the_panels_of_fig_13_are_in_order_and_their_model_is_smooth(
 
 @pytest.mark.slow
 def test_no_text_covers_another_or_leaves_the_figure(drawn: dict[str, Drawn]) -> None:
-    every_covered, every_outside = {}, {}
+    wrong = {}
     for name, one in drawn.items():
-        figure = one.figure
-        figure.canvas.draw()
-        renderer = figure.canvas.get_renderer()
-        texts = []
-        for axes in [a for a in figure.axes if a.axison and a.get_visible()]:
-            every = [axes, *axes.child_axes]
-            for panel in every:
-                ticks = [
-                    label
-                    for axis, limits in (
-                        (panel.xaxis, panel.get_xlim()),
-                        (panel.yaxis, panel.get_ylim()),
-                    )
-                    for at, label in zip(
-                        axis.get_majorticklocs(), axis.get_ticklabels(), strict=False
-                    )
-                    if min(limits) <= at <= max(limits) and label.get_visible()
-                ]
-                own = (panel.title, panel._left_title, panel.xaxis.label, panel.yaxis.label)
-                texts += [t for t in (*own, *ticks) if t.get_text() and t.get_visible()]
-        # texts turned askew have boxes that overlap though they do not
-        upright = [t for t in texts if t.get_rotation() in (0, 90)]
-        boxes = [(t.get_text(), t.get_window_extent(renderer).padded(-0.5)) for t in upright]
-        wide, high = figure.canvas.get_width_height()
-        covered = [
-            (a, b)
-            for i, (a, box) in enumerate(boxes)
-            for b, other in boxes[i + 1 :]
-            if box.overlaps(other)
-        ]
-        every_covered[name] = covered
-        outside = [
-            text
-            for text, box in boxes
-            if box.x0 < -1 or box.y0 < -1 or box.x1 > wide + 1 or box.y1 > high + 1
-        ]
-        every_outside[name] = outside
-    assert {name: pairs for name, pairs in every_covered.items() if pairs} == {}
-    assert {name: texts for name, texts in every_outside.items() if texts} == {}
+        every = [axes for axes in one.figure.axes if axes.axison and axes.get_visible()]
+        _, *found = covered_or_outside(one.figure, every, spare=1.0)
+        if any(found):
+            wrong[name] = found
+    assert wrong == {}
 
 
 def test_columns_are_of_one_length_and_name_their_unit(drawn: dict[str, Drawn]) -> None:

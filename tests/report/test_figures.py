@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from closed_form import COMPLIANCE, PIXEL
+from covered_texts import covered_or_outside
 from matplotlib.figure import Figure
 
-from app.records.record_types import (
-    Phase,
-    Traction,
-)
+from app.records.record_types import Phase, Snapshot, Traction
 from app.records.snapshot_numbers import numbers_of
 from app.report.figures import (
     DPI,
@@ -26,9 +25,6 @@ from app.report.figures import (
     write_picture,
 )
 
-PIXEL_M = 7.04e-6
-LENS_M_PER_N = 0.68e-6
-
 
 def draw(loading: Any, **changes: Any) -> Figure:
     given = {
@@ -37,7 +33,7 @@ def draw(loading: Any, **changes: Any) -> Figure:
         "summary": loading.summary,
         "grid_x_px": loading.x_px,
         "grid_y_px": loading.y_px,
-        "pixel_m": PIXEL_M,
+        "pixel_m": PIXEL,
     }
     return experiment_figure(**{**given, **changes})
 
@@ -47,15 +43,20 @@ def figure(loading: Any) -> Figure:
     return draw(loading)
 
 
+@pytest.fixture(scope="module")
+def numbered(loading: Any) -> list[Snapshot]:
+    """The six snapshots whose fields are shown."""
+    return [loading.snapshots[i] for i in numbered_instants(loading.snapshots, loading.summary)]
+
+
 def panels(figure: Figure) -> list[Any]:
     return [axes for axes in figure.subfigs[1].axes if axes.images]
 
 
-def test_five_instants_lead_to_the_onset_and_one_slides(loading: Any) -> None:
-    chosen = [
-        loading.snapshots[i].conditions.time_s
-        for i in numbered_instants(loading.snapshots, loading.summary)
-    ]
+def test_five_instants_lead_to_the_onset_and_one_slides(
+    loading: Any, numbered: list[Snapshot]
+) -> None:
+    chosen = [s.conditions.time_s for s in numbered]
     onset = loading.summary.onset_time_s
     assert len(chosen) == 6
     assert all(t < onset for t in chosen[:5])
@@ -116,18 +117,13 @@ def test_the_curve_of_cattaneo_and_mindlin_slides_at_mu_p(figure: Figure, loadin
     assert (share[0], share[-1]) == (0, 1)
 
 
-def test_the_numbers_stand_on_the_curve(figure: Figure, loading: Any) -> None:
+def test_the_numbers_stand_on_the_curve(figure: Figure, numbered: list[Snapshot]) -> None:
     force = figure.subfigs[0].axes[0]
     numbers = {text.get_text(): text.xy for text in force.texts if text.get_text().isdigit()}
     assert sorted(numbers) == list("123456")
-    for shot, number in zip(
-        numbered_instants(loading.snapshots, loading.summary), "123456", strict=True
-    ):
-        snapshot = loading.snapshots[shot]
-        assert numbers[number] == (
-            snapshot.conditions.travel_m * 1e6,
-            snapshot.conditions.shear_force_n,
-        )
+    for snapshot, number in zip(numbered, "123456", strict=True):
+        now = snapshot.conditions
+        assert numbers[number] == (now.travel_m * 1e6, now.shear_force_n)
 
 
 def test_without_readings_of_the_stage_the_drive_is_steady_in_the_load_curve(loading: Any) -> None:
@@ -174,16 +170,11 @@ def test_c_is_the_place_of_the_largest_traction_where_there_is_one(loading: Any)
 
 
 def test_the_fields_are_in_micrometres_with_the_lens_taken_off(
-    figure: Figure, loading: Any
+    figure: Figure, numbered: Any
 ) -> None:
-    for panel, i in zip(
-        panels(figure), numbered_instants(loading.snapshots, loading.summary), strict=True
-    ):
-        snapshot = loading.snapshots[i]
-        expected = (
-            snapshot.field.ux_px.astype(float) * PIXEL_M
-            - LENS_M_PER_N * snapshot.conditions.shear_force_n
-        ) * 1e6
+    for panel, snapshot in zip(panels(figure), numbered, strict=True):
+        lens = COMPLIANCE * snapshot.conditions.shear_force_n
+        expected = (snapshot.field.ux_px.astype(float) * PIXEL - lens) * 1e6
         np.testing.assert_allclose(np.asarray(panel.images[0].get_array()), expected, atol=1e-6)
         # what sticks does not move once the lens is taken off
         assert abs(np.median(expected[28:31, 39:42]) - 1e6 * snapshot.motion.centre_ux_m) < 0.15
@@ -194,25 +185,23 @@ def test_the_lens_is_taken_off_along_the_drive_which_need_not_go_to_the_right(lo
     for angle, times in ((math.pi, -1.0), (math.pi / 2, 0.0), (math.nan, 1.0)):
         shot = replace(last, motion=replace(last.motion, drive_angle_rad=angle))
         (panel,) = panels(draw(loading, snapshots=[shot]))
-        expected = 1e6 * (last.field.ux_px.astype(float) * PIXEL_M - times * last.motion.lens_m)
+        expected = 1e6 * (last.field.ux_px.astype(float) * PIXEL - times * last.motion.lens_m)
         np.testing.assert_allclose(np.asarray(panel.images[0].get_array()), expected, atol=1e-6)
 
 
 def test_the_circles_are_a_and_c_about_the_contact_in_millimetres(
-    figure: Figure, loading: Any
+    figure: Figure, loading: Any, numbered: list[Snapshot]
 ) -> None:
-    for panel, i in zip(
-        panels(figure), numbered_instants(loading.snapshots, loading.summary), strict=True
-    ):
+    for panel, snapshot in zip(panels(figure), numbered, strict=True):
         radii = [patch.get_radius() for patch in panel.patches]
         wanted = [
             loading.contact.apparent_radius_m * 1e3,
-            numbers_of(loading.snapshots[i])["stick_radius_m"] * 1e3,
+            numbers_of(snapshot)["stick_radius_m"] * 1e3,
         ]
         np.testing.assert_allclose(radii, [r for r in wanted if math.isfinite(r)])
         left, right, bottom, top = panel.images[0].get_extent()
-        assert left == pytest.approx((9.5 - 812) * PIXEL_M * 1e3)
-        assert right == pytest.approx((1589.5 - 812) * PIXEL_M * 1e3)
+        assert left == pytest.approx((9.5 - 812) * PIXEL * 1e3)
+        assert right == pytest.approx((1589.5 - 812) * PIXEL * 1e3)
         assert top < 0 < bottom  # y points down
 
 
@@ -231,40 +220,10 @@ def test_the_cut_is_read_on_the_colour_bar(figure: Figure, loading: Any) -> None
 
 
 def test_no_text_covers_another(figure: Figure) -> None:
-    figure.canvas.draw()
-    renderer = figure.canvas.get_renderer()
-    texts = []
-    for axes in [axes for half in figure.subfigs for axes in half.axes]:
-        ticks = [
-            label
-            for axis in (axes.xaxis, axes.yaxis)
-            for label in axis.get_ticklabels()
-            if _is_shown(label, axes)
-        ]
-        texts += [
-            t
-            for t in (axes.title, axes.xaxis.label, axes.yaxis.label, *ticks)
-            if t.get_text() and t.get_visible()
-        ]
-    boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts]
-    assert len(boxes) > 50
-    assert [
-        (a, b)
-        for i, (a, one) in enumerate(boxes)
-        for b, other in boxes[i + 1 :]
-        if one.overlaps(other)
-    ] == []
-    width, height = figure.canvas.get_width_height()
-    assert [
-        name for name, box in boxes if box.x0 < 0 or box.y0 < 0 or box.x1 > width or box.y1 > height
-    ] == []
-
-
-def _is_shown(label: Any, axes: Any) -> bool:
-    x, y = label.get_position()
-    (left, right), (bottom, top) = sorted(axes.get_xlim()), sorted(axes.get_ylim())
-    is_inside = left <= x <= right if label in axes.get_xticklabels() else bottom <= y <= top
-    return bool(label.get_visible() and is_inside)
+    every = [axes for half in figure.subfigs for axes in half.axes]
+    count, *wrong = covered_or_outside(figure, every, spare=0.0)
+    assert count > 50
+    assert wrong == [[], []]
 
 
 def test_what_was_not_measured_is_not_drawn(loading: Any) -> None:

@@ -11,6 +11,7 @@ import pytest
 from loads import record
 from results_files import write_results
 from typer.testing import CliRunner
+from whole_runs import done
 
 from app.cli import app
 from app.evaluation.setup import header_of
@@ -89,9 +90,7 @@ def test_the_same_session_twice(sessions, refused, tmp_path):
 
 def test_a_further_analysis(other_bench, refused, tmp_path):
     shutil.copy(other_bench, tmp_path / "a.h5")
-    again = Reanalysis(tmp_path / "a.h5", tmp_path / "b.h5", pace=None)
-    again.start()
-    assert again.wait(300).state == "done"
+    done(Reanalysis(tmp_path / "a.h5", tmp_path / "b.h5", pace=None))
     said = refused(tmp_path / "b.h5")
     assert said == f"{tmp_path / 'b.h5'}: it is a further analysis of a.h5; give that session"
 
