@@ -24,6 +24,12 @@ def write(tmp_path: Path) -> Write:
 
 
 @pytest.fixture
+def tiny(tmp_path: Path) -> Path:
+    """The folder of the sessions of that campaign, which makes it."""
+    return tmp_path / "tiny"
+
+
+@pytest.fixture
 def campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Command:
     """`slipscope campaign`, as fast as possible, in an empty folder and without a window."""
     work_in(tmp_path, monkeypatch)

@@ -13,17 +13,17 @@ from app.system.disk import AppendedFile
 
 
 def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
-    campaign: Command, write: Write, two_done: Path, tmp_path: Path
+    campaign: Command, write: Write, two_done: Path, tmp_path: Path, tiny: Path
 ) -> None:
     copied(two_done, tmp_path)
-    before = mark(tmp_path / "tiny" / SESSIONS[0])
+    before = mark(tiny / SESSIONS[0])
     refused = campaign(write(*TWO_LOADS, "settings.run.velocity = 6"))
     assert refused.exit_code == 2
     assert refused.stderr == (
         "slipscope: tiny/tiny-0.03N.h5: recorded with run.velocity = 5.0, which is not what run 1"
         " of the campaign says now; give another folder with -o, or undo the change\n"
     )
-    assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
+    assert mark(tiny / SESSIONS[0]) == before
     samples = (
         "[[runs]]",
         'about.sample = "A"',
@@ -42,7 +42,7 @@ def test_a_campaign_that_changed_so_that_a_done_run_is_another_is_refused(
     assert "has changed since tiny was begun: 2 of its runs are done as it says now" in (
         " ".join(going_on.stderr.split())
     )
-    assert mark(tmp_path / "tiny" / SESSIONS[0]) == before
+    assert mark(tiny / SESSIONS[0]) == before
     assert (
         "has changed"
         not in campaign(
@@ -83,22 +83,21 @@ def _no_folder(folder: Path) -> None:
     ],
 )
 def test_what_is_there_already_is_never_replaced(
-    campaign: Command, write: Write, tmp_path: Path, spoil, words: str
+    campaign: Command, write: Write, tmp_path: Path, tiny: Path, spoil, words: str
 ) -> None:
-    folder = tmp_path / "tiny"
-    folder.mkdir()
-    spoil(folder)
+    tiny.mkdir()
+    spoil(tiny)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
     refused = campaign(write(*TWO_LOADS))
     assert (refused.exit_code, refused.stdout) == (2, "")
     assert words in refused.stderr.splitlines()[-1]
     after = {path: path.read_bytes() for path in before}
     assert before == after
-    assert not (folder / SESSIONS[0]).exists()
+    assert not (tiny / SESSIONS[0]).exists()
 
 
 def test_a_disk_without_room_for_all_runs_is_told_before_anything_moves(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(campaigns, "free_bytes", lambda path: 60_000_000)
     refused = campaign(write(*TWO_LOADS))
@@ -106,7 +105,7 @@ def test_a_disk_without_room_for_all_runs_is_told_before_anything_moves(
     assert "tiny: the 2 runs need about 0.1 GB, the disk has 0.1 GB free; make room, or begin" in (
         refused.stderr
     )
-    assert not (tmp_path / "tiny").exists()
+    assert not tiny.exists()
     assert campaign(write(*TWO_LOADS), "--only", "1", "--check").exit_code == 0
 
 
@@ -119,19 +118,19 @@ def test_a_disk_without_room_for_all_runs_is_told_before_anything_moves(
     ],
 )
 def test_a_run_that_can_not_be_made_is_told_by_its_number_before_anything_moves(
-    campaign: Command, write: Write, tmp_path: Path, line: str, words: str
+    campaign: Command, write: Write, tiny: Path, line: str, words: str
 ) -> None:
     refused = campaign(write(f"vary.{line}"))
     assert refused.exit_code == 2
     assert f"campaign.toml, run 2: {words}" in refused.stderr
-    assert not (tmp_path / "tiny").exists()
+    assert not tiny.exists()
 
 
 def test_two_campaigns_do_not_work_in_one_folder(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, tiny: Path
 ) -> None:
-    (tmp_path / "tiny").mkdir()
-    lock = AppendedFile(tmp_path / "tiny" / LOCK, overwrite=True, locked=True)
+    tiny.mkdir()
+    lock = AppendedFile(tiny / LOCK, overwrite=True, locked=True)
     refused = campaign(write(*TWO_LOADS))
     lock.remove()
     assert refused.exit_code == 2
@@ -141,10 +140,10 @@ def test_two_campaigns_do_not_work_in_one_folder(
 
 
 def test_check_does_nothing_and_shows_what_would_be_done(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, tiny: Path
 ) -> None:
     result = campaign(write(*TWO_LOADS), "--check")
     assert result.exit_code == 0
     assert "tiny-0.04N" in result.stdout
     assert "waiting" in result.stdout
-    assert not (tmp_path / "tiny").exists()
+    assert not tiny.exists()

@@ -70,19 +70,19 @@ class Page(HTMLParser):
 
 
 def test_a_campaign_does_its_runs_and_only_those_that_are_not_done(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, tiny: Path
 ) -> None:
     file = write(*TWO_LOADS, 'settings.about.operator = "Élise <b>"', "settings.about.note = 'x'")
     first = campaign(file, "--only", "2")
     assert first.exit_code == 0, first.output
     assert "tiny: 2 runs, 1 to do: 0.0" in first.stderr
-    assert sessions_in(tmp_path / "tiny") == SESSIONS[1:]
-    before = mark(tmp_path / "tiny" / SESSIONS[1])
+    assert sessions_in(tiny) == SESSIONS[1:]
+    before = mark(tiny / SESSIONS[1])
     second = campaign(file)
     assert second.exit_code == 0
     assert "2 runs, 1 to do" in second.stderr
     assert "2 of 2 runs done" in second.stdout
-    assert mark(tmp_path / "tiny" / SESSIONS[1]) == before
+    assert mark(tiny / SESSIONS[1]) == before
     third = json.loads(campaign(file, "--json").stdout)
     assert [run["state"] for run in third["runs"]] == ["done", "done"]
     assert [run["settings"] for run in third["runs"]] == [
@@ -90,35 +90,35 @@ def test_a_campaign_does_its_runs_and_only_those_that_are_not_done(
         {"run.normal_force": 0.04},
     ]
     for name, load in zip(SESSIONS, (0.03, 0.04), strict=True):
-        with SessionReader(tmp_path / "tiny" / name) as session:
+        with SessionReader(tiny / name) as session:
             config = from_record(session.header.config_toml, "")
             assert (config.run.normal_force, session.header.operator) == (load, "Élise <b>")
             assert session.outcome.is_complete
-        assert info(tmp_path / "tiny" / name, as_json=True, verify=True) == 0
+        assert info(tiny / name, as_json=True, verify=True) == 0
 
 
 def test_a_picture_that_a_kill_has_left_out_is_drawn_when_the_campaign_goes_on(
-    campaign: Command, two_done: Path, tmp_path: Path
+    campaign: Command, two_done: Path, tmp_path: Path, tiny: Path
 ) -> None:
     """A session is done once it has its name; its picture is drawn after that."""
     file = copied(two_done, tmp_path)
-    files = sorted(path.name for path in (tmp_path / "tiny").iterdir())
+    files = sorted(path.name for path in tiny.iterdir())
     for n, name in enumerate(SESSIONS):
-        picture = (tmp_path / "tiny" / name).with_suffix(".png")
+        picture = (tiny / name).with_suffix(".png")
         picture.unlink()
-        before = mark(tmp_path / "tiny" / name)
+        before = mark(tiny / name)
         assert campaign(file, *["--only", n + 1] * n).exit_code == 0
         assert picture.exists()
-        assert mark(tmp_path / "tiny" / name) == before
-    assert sorted(path.name for path in (tmp_path / "tiny").iterdir()) == files
-    (tmp_path / "tiny" / SESSIONS[0]).with_suffix(".png").unlink()
+        assert mark(tiny / name) == before
+    assert sorted(path.name for path in tiny.iterdir()) == files
+    (tiny / SESSIONS[0]).with_suffix(".png").unlink()
     assert campaign(file, "--check").exit_code == 0
-    assert not (tmp_path / "tiny" / SESSIONS[0]).with_suffix(".png").exists()
+    assert not (tiny / SESSIONS[0]).with_suffix(".png").exists()
 
 
 @pytest.mark.slow
 def test_the_page_shows_every_run_its_numbers_and_its_picture(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(figures, "write_picture", write_picture)
     file = write(
@@ -127,20 +127,20 @@ def test_the_page_shows_every_run_its_numbers_and_its_picture(
     slides = [*SHORT, "stress.method=none", "recording.results=fields", "camera.divisor=125"]
     options = [word for setting in slides for word in ("--set", setting)]
     assert campaign(file, "--only", "1", *options).exit_code == 0
-    text = (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
+    text = (tiny / "index.html").read_text(encoding="utf-8")
     page = Page(text)
     headings, first, second = page.rows
     wanted = ("session", "P (N)", "state", "mu_d", "a (mm)")
     columns = {name: headings.index(name) for name in wanted}
     assert [first[i] for i in columns.values()][:3] == ["tiny 1", "0.03", "done"]
     assert [second[i] for i in columns.values()] == ["tiny 2", "0.03", "waiting", "", ""]
-    with SessionReader(tmp_path / "tiny/tiny 1.h5") as session:
+    with SessionReader(tiny / "tiny 1.h5") as session:
         summary = session.outcome.summary
     assert float(first[columns["mu_d"]].split()[0]) == pytest.approx(summary.mu_d, abs=2e-3)
     assert first[headings.index("about.sample")] == "a & <i>b</i>"
     assert set(page.links) == {"tiny%201.h5", "tiny%201.png"}
     assert "refresh" not in text  # it is over for now
-    assert (tmp_path / "tiny/tiny 1.png").stat().st_size > 10_000
+    assert (tiny / "tiny 1.png").stat().st_size > 10_000
 
 
 def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
@@ -158,7 +158,7 @@ def test_the_page_is_there_and_loads_itself_again_while_the_campaign_goes_on(
 
 
 def test_a_run_that_fails_does_not_keep_the_others_and_is_done_again_if_asked(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, tiny: Path
 ) -> None:
     runs = ('sessions = "{name}-{number}"', "[[runs]]", WEAK, "[[runs]]")
     result = campaign(write(*runs))
@@ -166,22 +166,22 @@ def test_a_run_that_fails_does_not_keep_the_others_and_is_done_again_if_asked(
     assert "limit: the shear force reached" in result.stderr
     assert "1 failed; --retry does them again" in result.stderr
     assert "1 of 2 runs done" in result.stdout
-    assert sessions_in(tmp_path / "tiny") == ["tiny-1.h5", "tiny-2.h5"]
-    failed, done = (mark(tmp_path / "tiny" / f"tiny-{n}.h5") for n in (1, 2))
+    assert sessions_in(tiny) == ["tiny-1.h5", "tiny-2.h5"]
+    failed, done = (mark(tiny / f"tiny-{n}.h5") for n in (1, 2))
     again = campaign(write(*runs))  # as it is: nothing is tried again
     assert again.exit_code == 1
-    assert mark(tmp_path / "tiny/tiny-1.h5") == failed
+    assert mark(tiny / "tiny-1.h5") == failed
     mended = ('sessions = "{name}-{number}"', "[[runs]]", "[[runs]]")
     result = campaign(write(*mended), "--retry")
     assert result.exit_code == 0, result.stderr
-    assert mark(tmp_path / "tiny/tiny-2.h5") == done
-    assert mark(tmp_path / "tiny/kept/tiny-1.h5") == failed
-    with SessionReader(tmp_path / "tiny/tiny-1.h5") as session:
+    assert mark(tiny / "tiny-2.h5") == done
+    assert mark(tiny / "kept/tiny-1.h5") == failed
+    with SessionReader(tiny / "tiny-1.h5") as session:
         assert session.outcome.is_complete
 
 
 def test_the_operator_is_told_what_to_do_and_decides(
-    campaign: Command, write: Write, tmp_path: Path
+    campaign: Command, write: Write, tiny: Path
 ) -> None:
     file = write(
         "pauses = true",
@@ -203,16 +203,16 @@ def test_the_operator_is_told_what_to_do_and_decides(
     assert said.count("tiny-A has failed. Enter: go on with the next; r: repeat it; q: leave") == 2
     assert "next, run 2 of 3, tiny-B: mount sample B; P = 0.04 N, 5 um/s" in said
     assert "'what' is none of these: Enter: lift the block, then begin; s: skip it; q: " in said
-    assert sessions_in(tmp_path / "tiny") == ["tiny-A.h5"]
-    assert sessions_in(tmp_path / "tiny/kept") == ["tiny-A.h5"]
+    assert sessions_in(tiny) == ["tiny-A.h5"]
+    assert sessions_in(tiny / "kept") == ["tiny-A.h5"]
     # the failed one is not asked for again; B is done, and then nobody answers
     result = campaign(file, answers="\n")
     assert "nobody answers: the standard input is at its end" in result.stderr
-    assert sessions_in(tmp_path / "tiny") == ["tiny-A.h5", "tiny-B.h5"]
+    assert sessions_in(tiny) == ["tiny-A.h5", "tiny-B.h5"]
 
 
 def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared_run = campaigns.prepared_run
 
@@ -235,13 +235,13 @@ def test_ctrl_c_while_a_complete_run_is_closed_ends_the_campaign_behind_it(
     result = campaign(file)
     assert result.exit_code == 1
     assert "Ctrl-C was pressed after tiny-0.03N; the same command goes on" in result.stderr
-    assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
+    assert sessions_in(tiny) == SESSIONS[:1]
     states = [find_session(run).state for run in read_campaign(file).runs]
     assert states == [RunState.DONE, RunState.WAITING]
 
 
 def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared_run = campaigns.prepared_run
 
@@ -264,17 +264,17 @@ def test_a_run_that_somebody_stops_ends_the_campaign_and_is_done_again(
     assert "tiny-0.03N: STOP MOTION was pressed; the same command goes on with this run" in (
         result.stderr
     )
-    assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
-    stopped_mark = mark(tmp_path / "tiny" / SESSIONS[0])
-    assert "stopped" in (tmp_path / "tiny/index.html").read_text(encoding="utf-8")
+    assert sessions_in(tiny) == SESSIONS[:1]
+    stopped_mark = mark(tiny / SESSIONS[0])
+    assert "stopped" in (tiny / "index.html").read_text(encoding="utf-8")
     monkeypatch.setattr(campaigns, "prepared_run", prepared_run)
     assert campaign(file, "--only", "1").exit_code == 0
-    assert sessions_in(tmp_path / "tiny") == SESSIONS[:1]
-    assert mark(tmp_path / "tiny/kept" / SESSIONS[0]) == stopped_mark
+    assert sessions_in(tiny) == SESSIONS[:1]
+    assert mark(tiny / "kept" / SESSIONS[0]) == stopped_mark
 
 
 def test_a_device_that_is_not_there_fails_its_run_only(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened = Bench.open
     calls: list[int] = []
@@ -289,8 +289,8 @@ def test_a_device_that_is_not_there_fails_its_run_only(
     result = campaign(write(*TWO_LOADS))
     assert result.exit_code == 1
     assert "tiny-0.03N: stage: it does not answer; check its line" in result.stderr
-    assert sessions_in(tmp_path / "tiny") == SESSIONS[1:]
-    assert "stage: it does not answer" in (tmp_path / "tiny/index.html").read_text()
+    assert sessions_in(tiny) == SESSIONS[1:]
+    assert "stage: it does not answer" in (tiny / "index.html").read_text()
     assert campaign(write(*TWO_LOADS)).exit_code == 0
 
 
@@ -298,24 +298,24 @@ def test_a_device_that_is_not_there_fails_its_run_only(
 
 
 def test_a_session_that_was_complete_when_its_close_was_cut_short_is_done(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The last step of a close removes the journal."""
     monkeypatch.setattr(recorder, "remove_recorded", lambda session: None)
     file = write('sessions = "{name}"')
     assert campaign(file).exit_code == 0  # it sees that itself
-    assert sessions_in(tmp_path / "tiny") == ["tiny.h5"]
-    assert not list((tmp_path / "tiny").glob("*.journal"))
-    assert not (tmp_path / "tiny/kept").exists()
+    assert sessions_in(tiny) == ["tiny.h5"]
+    assert not list(tiny.glob("*.journal"))
+    assert not (tiny / "kept").exists()
 
 
 def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_done(
-    campaign: Command, write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    campaign: Command, write: Write, tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The step before: for an instant the session has two names."""
     for module in (recorder, state):
         monkeypatch.setattr(module, "remove_recorded", lambda session: None)
-    file, session = write('sessions = "{name}"'), tmp_path / "tiny/tiny.h5"
+    file, session = write('sessions = "{name}"'), tiny / "tiny.h5"
     assert campaign(file).exit_code == 0
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
@@ -326,21 +326,21 @@ def test_a_session_whose_images_have_not_yet_let_go_of_their_name_is_done(
     assert mark(session) == before
     left = {path.suffix for path in session.parent.glob("tiny.h5.*")}
     assert not left & {".journal", ".images", ".results"}
-    assert not (tmp_path / "tiny/kept").exists()
+    assert not (tiny / "kept").exists()
     assert whole(session)
 
 
 @pytest.mark.parametrize("moves", range(5))
 def test_a_move_that_was_cut_short_is_finished_where_it_began(
-    write: Write, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moves: int
+    write: Write, tmp_path: Path, tiny: Path, monkeypatch: pytest.MonkeyPatch, moves: int
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    folder, kept = tmp_path / "tiny", tmp_path / "tiny/kept"
+    kept = tiny / "kept"
     kept.mkdir(parents=True)
     endings = ("journal", "images", "results", "log")
     for ending in endings:
         (kept / f"tiny.h5.{ending}").write_text("of another kill")
-        (folder / f"tiny.h5.{ending}").write_text("of this kill")
+        (tiny / f"tiny.h5.{ending}").write_text("of this kill")
     run = read_campaign(write('sessions = "{name}"')).runs[0]
     rename, done = Path.rename, []
 
@@ -365,11 +365,11 @@ def test_a_move_that_was_cut_short_is_finished_where_it_began(
 
 
 def test_a_session_from_elsewhere_with_the_same_settings_counts_as_done(
-    campaign: Command, two_done: Path, tmp_path: Path
+    campaign: Command, two_done: Path, tmp_path: Path, tiny: Path
 ) -> None:
     """What is done is told by the sessions, not by a record beside them."""
     file = copied(two_done, tmp_path)
-    (tmp_path / "tiny").rename(tmp_path / "copied")
+    tiny.rename(tmp_path / "copied")
     for other in ("campaign.toml", SESSIONS[1]):
         (tmp_path / "copied" / other).unlink()
     for picture in (tmp_path / "copied").glob("*.png"):
