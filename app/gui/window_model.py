@@ -5,7 +5,7 @@ window.
 from __future__ import annotations
 
 import logging
-from dataclasses import fields, replace
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from threading import Lock
@@ -14,6 +14,7 @@ from typing import Protocol
 from PySide6.QtCore import QObject, Signal
 
 from app.gui.background import BackgroundWork
+from app.gui.form import PRESET_KEY, Base, Form
 from app.gui.memory import WindowMemory
 from app.gui.run_factory import RunFactory
 from app.gui.view_state import ViewState
@@ -169,12 +170,9 @@ class WindowModel(QObject):
 
 def _with_changes(own: Config, before: Config, now: Config) -> Config:
     """Settings with what has changed from `before` to `now`, as far as that goes with them."""
-    for table in fields(Config):
-        was, new = getattr(before, table.name), getattr(now, table.name)
-        given = {one.name: getattr(new, one.name) for one in fields(new)}
-        changes = {name: value for name, value in given.items() if getattr(was, name) != value}
-        try:
-            own = replace(own, **{table.name: replace(getattr(own, table.name), **changes)})
-        except ValueError:
-            continue
-    return own
+    form, others = Form(own), Form(now)
+    others.base = Base("", before)
+    for key, (value, _) in others.changed().items():
+        if key != PRESET_KEY:  # whose settings are others, too
+            form.put(key, value, "")
+    return form.config
