@@ -11,7 +11,7 @@ from pathlib import Path
 from app.records.bench_view import BenchPreview
 from app.runs.run_source import PreparedSource, RunSource
 from app.session.files import new_session_name, next_free
-from app.settings.config import from_record
+from app.settings.config import settings_of
 from app.settings.sections import Config
 from app.system.stopping import StopAnswer, of_all
 
@@ -108,8 +108,7 @@ class RunFactory:
         from app.session.reader import SessionReader
 
         with SessionReader(session) as reader:
-            text = reader.header.config_toml
-        return from_record(text, f"{session}: settings")
+            return settings_of(reader)
 
     def preview(self, config: Config) -> BenchPreview:
         """The bench of these settings, connecting, to be looked at without a run; `run` lets go of
