@@ -139,9 +139,18 @@ def outcome_of(run: Run, watch: Watch, screenshot: Path | None) -> Outcome:
         if sys.platform == "linux" and not os.environ.get("DISPLAY"):
             os.environ["QT_QPA_PLATFORM"] = "offscreen"
         from app.gui.start import run_window
+        from app.gui.window import MainWindow
+
+        shown: list[MainWindow] = []
+
+        def is_over() -> bool:
+            if not (shown and shown[0].outcome()):
+                return False
+            shown[0].grab().save(str(screenshot))
+            return True
 
         watching.start()
-        run_window(run, autostart=True, screenshot=screenshot)
+        run_window(run, autostart=True, on_ready=shown.append, close_when=is_over)
     else:
         run.start()
         watching.start()

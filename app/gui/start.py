@@ -13,7 +13,6 @@ from types import TracebackType
 from PySide6.QtCore import QEvent, QEventLoop, QTimer
 from PySide6.QtWidgets import QApplication
 
-from app.gui.background import Act
 from app.gui.garbage import collected_here
 from app.gui.icon import program_icon
 from app.gui.memory import WindowMemory
@@ -30,7 +29,6 @@ from app.system.heap import keep_freed_memory
 
 LOG = logging.getLogger(__name__)
 LOOK_MS = 200
-SETTLE_MS = 300  # between the last data and the picture of the window
 
 
 def run_window(
@@ -42,7 +40,6 @@ def run_window(
     autostart: bool,
     close_when: Callable[[], bool] = lambda: False,
     on_ready: Callable[[MainWindow], None] | None = None,
-    screenshot: Path | None = None,
 ) -> Outcome | None:
     """How the last run in the window ended, once the window is closed; None where none did.
 
@@ -62,8 +59,6 @@ def run_window(
         Whether the program has been told to end: then the motion is stopped and the window closes.
     on_ready : callable, optional
         Called with the window when it is on the screen.
-    screenshot : Path, optional
-        File for a picture of the window at the end of the run, which then closes by itself.
     """
     application = QApplication.instance() or QApplication(["slipscope"])
     assert isinstance(application, QApplication)
@@ -84,16 +79,17 @@ def run_window(
             QTimer.singleShot(0, window, window.begin)
         if on_ready is not None:
             QTimer.singleShot(0, window, lambda: on_ready(window))
-        if screenshot is not None:
-
-            def picture() -> None:
-                window.grab().save(str(screenshot))
-                window.close()
-
-            _when(window, window.outcome, picture, SETTLE_MS)
         loop = QEventLoop()
         window.closed.connect(loop.quit)
-        _when(window, close_when, window.close_after_run, LOOK_MS)
+        timer = QTimer(window)
+
+        def look() -> None:
+            if close_when():
+                timer.stop()
+                window.close_after_run()
+
+        timer.timeout.connect(look)
+        timer.start(LOOK_MS)
         with _exceptions_told(window):
             loop.exec()
         outcome = window.outcome() or (window.source.look().outcome if window.source else None)
@@ -148,16 +144,3 @@ def _exceptions_told(window: MainWindow) -> Iterator[None]:
         yield
     finally:
         sys.excepthook, threading.excepthook = hook, thread_hook
-
-
-def _when(window: MainWindow, is_so: Callable[[], object], act: Act, every_ms: int) -> None:
-    """Do something once, when something is so."""
-    timer = QTimer(window)
-
-    def look() -> None:
-        if is_so():
-            timer.stop()
-            act()
-
-    timer.timeout.connect(look)
-    timer.start(every_ms)
