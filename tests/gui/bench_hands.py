@@ -10,6 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QScrollBar, QWidget
 from pytestqt.qtbot import QtBot
+from window_hands import click
 
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
@@ -91,7 +92,7 @@ def crawl(panel: BenchPanel) -> None:
 
 
 def connect(qtbot: QtBot, panel: BenchPanel) -> None:
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: panel.picture._picture is not None and panel.stage.jogs[0].isEnabled())
     qtbot.waitUntil(panel.zero.isEnabled)
 

@@ -1,7 +1,7 @@
 import gc
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from set_up_hands import Shop, shown_panel
-from window_hands import make_run
+from window_hands import Open, make_run
 
 from app.gui import theme
 from app.gui.cells import set_decimal_sign
@@ -93,7 +93,7 @@ def qtbot(qtbot: QtBot, monkeypatch: pytest.MonkeyPatch) -> QtBot:
 
 
 @pytest.fixture
-def open_window(qtbot: QtBot) -> Iterator[Callable[..., MainWindow]]:
+def open_window(qtbot: QtBot) -> Iterator[Open]:
     """Opens windows, which are closed whatever runs in them."""
     opens: list[MainWindow] = []
 
@@ -141,7 +141,7 @@ def run() -> ScriptedRun:
 
 
 @pytest.fixture
-def window(open_window: Callable[..., MainWindow], run: ScriptedRun) -> MainWindow:
+def window(open_window: Open, run: ScriptedRun) -> MainWindow:
     """A window that shows this run."""
     return open_window(run)
 

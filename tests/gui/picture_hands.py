@@ -9,7 +9,6 @@ from scripted_run import ScriptedRun
 
 from app.gui.image_view import InterfaceView
 from app.gui.source import setup_of
-from app.gui.view_state import ViewState, read, resolve
 
 
 @pytest.fixture(name="script", scope="module")
@@ -23,10 +22,6 @@ def script_of_frames() -> ScriptedRun:
 def run_of_script(script: ScriptedRun) -> ScriptedRun:
     script.started, script.stopped = True, False
     return script.at(0)
-
-
-def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
-    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
 
 
 def shown(qtbot: QtBot, widget: QWidget, width: int, height: int) -> None:

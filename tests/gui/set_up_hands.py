@@ -44,10 +44,6 @@ def write(qtbot: QtBot, editor: QLineEdit, text: str, end: Qt.Key | None = Qt.Ke
         qtbot.keyClick(editor, end)
 
 
-def click(qtbot: QtBot, widget: object) -> None:
-    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
-
-
 def visible(panel: SetupPanel) -> set[str]:
     """Keys of the rows in the tables below those on top that can be seen."""
     own = panel.protocol.findChildren(SettingsTable)

@@ -15,6 +15,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
 )
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
+from window_hands import click
 
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
@@ -48,7 +49,7 @@ def test_an_exposure_that_needs_another_connection_brings_no_bench_back(
     if way == "run":
         model_of(panel).set_busy(True, is_live=True)
     else:
-        qtbot.mouseClick(panel.connect_button, LEFT)
+        click(qtbot, panel.connect_button)
     answers.set()
     qtbot.waitUntil(answered.is_set)
     qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)

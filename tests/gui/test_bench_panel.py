@@ -28,6 +28,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QWidget
 from pytestqt.qtbot import QtBot
+from window_hands import click
 
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
@@ -75,21 +76,21 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     qtbot.wait(300)
     assert place_um(panel) == stood
 
-    qtbot.mouseClick(panel.zero, LEFT)
+    click(qtbot, panel.zero)
     qtbot.waitUntil(lambda: "is the block free?" in words(panel))  # 0.05 N is a force
     panel.resize(NARROW_PX, 700)
     qtbot.waitUntil(lambda: panel.zero_note.width() < NARROW_PX / 2)
     note = panel.zero_note
     assert note.heightForWidth(note.width()) <= note.height()  # the question is read to its end
     assert model_of(panel).config.forces.zero == (0.0, 0.0)
-    qtbot.mouseClick(panel.zero_act, LEFT)
+    click(qtbot, panel.zero_act)
     qtbot.waitUntil(lambda: "Zeroed" in words(panel))
     assert model_of(panel).config.forces.zero == pytest.approx((0.25, -0.125), abs=1e-3)
     assert "P had read +0.052 N" in words(panel)
     qtbot.waitUntil(lambda: abs(normal_n(panel)) < 0.0015)
     assert "connect again" not in panel.state.text()  # the zero alone is no other bench
 
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: words(panel).count("not connected") == 3)
     assert panel.normal.text.text() == "–"
     assert math.isnan(normal_n(panel))
@@ -110,7 +111,7 @@ def test_the_keyboard_connects_and_moves_nothing(qtbot: QtBot, panel: BenchPanel
 def test_no_key_moves_the_stage_after_zero(qtbot: QtBot, panel: BenchPanel) -> None:
     connect(qtbot, panel)
     start = place_um(panel)
-    qtbot.mouseClick(panel.zero, LEFT)
+    click(qtbot, panel.zero)
     qtbot.waitUntil(lambda: panel.link.is_zeroing and not panel.zero.isEnabled())
     front = QApplication.activeWindow()
     assert front is not None
@@ -133,7 +134,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     bar = filled(qtbot, panel)
     places = [button.mapTo(panel, button.rect().center()) for button in panel.stage.jogs]
     before = panel.zero.mapTo(panel, panel.zero.rect().center())
-    qtbot.mouseClick(panel.zero, LEFT)
+    click(qtbot, panel.zero)
     qtbot.waitUntil(panel.zero_act.isVisible)
     assert "P reads 0." in words(panel)
     assert "hang free" in words(panel)
@@ -142,7 +143,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     assert panel.zero_act.geometry().intersected(panel.zero.geometry()).isEmpty()
     qtbot.waitUntil(panel.zero_act.isEnabled)
 
-    qtbot.mouseClick(panel.zero_act, LEFT)
+    click(qtbot, panel.zero_act)
     qtbot.waitUntil(lambda: panel.zero_act.isVisible() and panel.zero_act.text() == "Undo")
     assert min(model_of(panel).zeros & {model_of(panel).config.forces.zero})[0] > 0.1
     qtbot.waitUntil(lambda: abs(normal_n(panel)) < 0.01)
@@ -154,7 +155,7 @@ def test_zero_under_load_asks_is_logged_and_can_be_undone(
     assert any("the block is free" in one for one in noted)
     assert any("Zeroed: P had read +0." in one for one in noted)
 
-    qtbot.mouseClick(panel.zero_act, LEFT)
+    click(qtbot, panel.zero_act)
     assert model_of(panel).config.forces.zero == (0.0, 0.0)
     qtbot.waitUntil(lambda: normal_n(panel) > 0.45)
     assert "The zero before is back" in noted[-1]
@@ -225,7 +226,7 @@ def test_each_device_says_why_it_does_not_connect(
     workshop.spoil = lambda bench: setattr(
         getattr(bench, kind), "open", raises(DeviceNotFound(why))
     )
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: why in words(panel))
     qtbot.waitUntil(lambda: words(panel).count("ready") >= 1)
     assert panel.devices.lines[kind].word.text() == "failed"
@@ -245,10 +246,10 @@ def test_where_no_device_is_there_one_tries_again(
             getattr(bench, kind).open = raises(DeviceNotFound("not there"))
 
     workshop.spoil = lose
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: panel.connect_button.text() == "Try again")
     workshop.spoil = lambda bench: None
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: words(panel).count("ready") == 3)
     assert panel.connect_button.text() == "Disconnect"
 
@@ -260,10 +261,10 @@ def test_a_silent_device_leaves_the_window_alive(
     monkeypatch.setattr("app.acquisition.connected_bench.PATIENCE_S", 0.3)
     release = threading.Event()
     workshop.spoil = lambda bench: setattr(bench.camera, "open", release.wait)
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(panel.zero.isEnabled)
     assert panel.devices.lines["camera"].word.text() == "connecting"
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: "no return from a call" in words(panel))
     qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
     release.set()
@@ -281,7 +282,7 @@ def test_a_picture_that_is_not_live_says_so(
 
 def test_what_forbids_a_jog_is_said(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
     workshop.world = ("sim.faults=['saturated 0']",)
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: panel.stage.jogs[3].isEnabled() and panel.zero.isEnabled())
     qtbot.waitUntil(lambda: "reads the end of its range" in words(panel))
     assert panel.shear.text.text() == "sensor at the end of its range"
@@ -324,7 +325,7 @@ def test_a_bench_that_can_not_be_made_says_why(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
     workshop.problem = DeviceNotFound("pylon camera: its package cannot be loaded")
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: str(workshop.problem) in words(panel))
     assert panel.connect_button.text() == "Connect"
 

@@ -22,6 +22,7 @@ from processes.launched import wait_until
 from PySide6.QtCore import QLocale, Qt
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
+from window_hands import click
 
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
@@ -49,7 +50,7 @@ def test_an_operator_sends_the_stage_to_a_place(
     type_place(qtbot, panel, "12.8")
     qtbot.wait(200)
     assert place_um(panel) == pytest.approx(12500, abs=0.1)  # Enter moves nothing
-    qtbot.mouseClick(stage.go, LEFT)
+    click(qtbot, stage.go)
     qtbot.waitUntil(lambda: "goes to 12.8000 mm" in words(panel) and "moving" in stage.place.text())
     qtbot.waitUntil(lambda: "12.8000 mm, at rest" in words(panel))
     qtbot.waitUntil(lambda: any("the stage is at 12.8000 mm, at rest" in one for one in noted))
@@ -58,7 +59,7 @@ def test_an_operator_sends_the_stage_to_a_place(
     assert doing[-1] == ""
 
     type_place(qtbot, panel, "14")
-    qtbot.mouseClick(stage.go, LEFT)
+    click(qtbot, stage.go)
     qtbot.waitUntil(lambda: "it can be moved from 12.0000 to 13.0000 mm" in words(panel))
     assert "12.8000 mm, at rest" in words(panel)
 
@@ -75,15 +76,15 @@ def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way
     crawl(panel)
     connect(qtbot, panel)
     type_place(qtbot, panel, "12.9")
-    qtbot.mouseClick(panel.stage.go, LEFT)
+    click(qtbot, panel.stage.go)
     qtbot.waitUntil(lambda: panel.stage.go.text() == "Stop" and place_um(panel) > 12505)
     assert not panel.stage.home.isEnabled()
     if way == "button":
-        qtbot.mouseClick(panel.stage.go, LEFT)
+        click(qtbot, panel.stage.go)
     elif way == "stop":
         panel.preview.stop_motion()  # as STOP MOTION does
     else:
-        qtbot.mouseClick(panel.connect_button, LEFT)
+        click(qtbot, panel.connect_button)
         qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
         assert workshop.made[0].motion()[2] is False
         return
@@ -99,7 +100,7 @@ def test_a_window_that_stands_still_stops_a_move(
 ) -> None:
     connect(qtbot, panel)
     type_place(qtbot, panel, "12.9")
-    qtbot.mouseClick(panel.stage.go, LEFT)
+    click(qtbot, panel.stage.go)
     qtbot.waitUntil(lambda: panel.link.task is not None)
     preview = workshop.made[0]
     wait_until(lambda: not preview.motion()[2], "its rest")  # and the window does nothing
@@ -113,7 +114,7 @@ def test_the_origin_is_searched_after_a_question_only(
     asked: list[tuple[Any, ...]] = []
     model_of(panel).asked.connect(lambda *question: asked.append(question))
     connect(qtbot, panel)
-    qtbot.mouseClick(panel.stage.home, LEFT)
+    click(qtbot, panel.stage.home)
     qtbot.wait(200)
     assert place_um(panel) == pytest.approx(12500, abs=0.1)
     (sentence, yes, search, no) = asked[0]
@@ -122,7 +123,7 @@ def test_the_origin_is_searched_after_a_question_only(
     search()
     qtbot.waitUntil(lambda: "searches its origin; STOP MOTION" in words(panel))
     qtbot.waitUntil(lambda: place_um(panel) < 11900)  # further than limits.travel
-    qtbot.mouseClick(panel.stage.go, LEFT)
+    click(qtbot, panel.stage.go)
     qtbot.waitUntil(lambda: "at rest" in panel.stage.place.text())
     qtbot.waitUntil(lambda: "can be jogged by −500 to +500 µm" in words(panel))  # from here on
 
@@ -144,7 +145,7 @@ def test_connecting_jogging_and_disconnecting_are_in_the_log(
     assert jogs == ["Bench: jog along the drive at 100 µm/s from 12.5000 mm, at rest"]
     where = next(one for one in noted if "the stage is at" in one)
     assert f"{place_um(panel) / 1e3:.4f} mm, at rest" in where
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: noted[-1] == "Bench: not connected any more")
 
 
@@ -229,7 +230,7 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
     connect(qtbot, panel)
     assert panel.connect_button.hasFocus()
     assert panel.verticalScrollBar().value() == 0
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF and panel.connect_button.isEnabled())
     assert panel.verticalScrollBar().value() == 0
 

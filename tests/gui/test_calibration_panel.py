@@ -16,6 +16,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from set_up_hands import write
 from short_run import RIGID
+from window_hands import click
 
 from analysis.options import Section
 from app.calibrations.certifying import Evaluated, evaluated
@@ -94,7 +95,7 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     panel = panel_of(window)
     own = window.model.config
     choose(panel, "speed")
-    qtbot.mouseClick(panel.measure_button, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.measure_button)
     qtbot.waitUntil(lambda: panel.found is not None)
     sessions = sorted(tmp_path.glob("calibration-speed-*.h5"))
     assert [path.name[-4] for path in sessions] == ["1", "2"]
@@ -107,7 +108,7 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
     assert f"camera.pixel = {velocity} µm\n" in f"{panel.values.text()}\n"
     assert not panel.picture.pixmap().isNull()
     assert window.model.config == own  # the runs had settings of their own
-    qtbot.mouseClick(panel.use_button, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.use_button)
     item = panel.list.findItems("speed", Qt.MatchFlag.MatchExactly)[0]
     qtbot.waitUntil(lambda: item.text(CERTIFICATE) == path.name)
     assert window.model.config.camera.pixel == pytest.approx(velocity * 1e-6)
@@ -265,7 +266,7 @@ def test_one_file_is_asked_for_where_one_is_evaluated_and_for_the_chosen_one_onl
 ) -> None:
     panel = panel_of(window)
     choose(panel, "still")
-    qtbot.mouseClick(panel.files_button, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.files_button)
     (dialog,) = panel.findChildren(QFileDialog)
     assert dialog.fileMode() == QFileDialog.FileMode.ExistingFile
     choose(panel, "speed")

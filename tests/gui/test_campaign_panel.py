@@ -12,6 +12,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from short_run import SMALL
+from window_hands import click
 
 from app.campaigns.page import PAGE
 from app.campaigns.plan import Campaign
@@ -103,7 +104,7 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert panel.next.text() == "Next: run 1, loads-0.10N"
     said: list[str] = []
     model.said.connect(lambda text, _: said.append(text))
-    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.next)
     qtbot.waitUntil(lambda: model.session is not None)
     assert model.session == Path("loads") / "loads-0.10N.h5"
     assert (model.config.run.normal_force, model.config.run.travel) == pytest.approx((0.1, 60e-6))
@@ -136,7 +137,7 @@ def test_a_replay_is_no_run_of_the_campaign(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel
 ) -> None:
     opened(qtbot, panel)
-    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.next)
     qtbot.waitUntil(lambda: column(panel, NUMBER)[0] == "▶ 1")
     panel.unattended.setChecked(True)
     model.set_busy(True)
@@ -192,9 +193,9 @@ def test_unattended_all_runs_are_done_and_friction_is_drawn_against_the_load(
     (tmp_path / "loads.toml").write_text(text)
     opened(qtbot, panel)
     run = begins_when_asked(model)
-    qtbot.mouseClick(panel.unattended, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.unattended)
     assert panel.unattended.isChecked()
-    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.next)
     qtbot.waitUntil(lambda: column(panel, NUMBER)[0] == "▶ 1")
     assert not run  # the first one is begun by hand
     model.begin_asked.emit()
@@ -254,7 +255,7 @@ def test_a_campaign_is_planned_in_the_window(
     qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
 ) -> None:
     model.set_config(config.load(None, ["run.travel=70", "about.operator=Ann", "sim.seed=7"]))
-    qtbot.mouseClick(panel.new, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.new)
     form = panel.form
     qtbot.keyClicks(form.loads, "0,1 0.3; 0.5")
     qtbot.keyClicks(form.samples, "A; B 2")
@@ -305,7 +306,7 @@ def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
 ) -> None:
     opened(qtbot, panel)
     for number, state in ((1, "done"), (2, "failed")):
-        qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+        click(qtbot, panel.next)
         qtbot.waitUntil(lambda n=number: column(panel, NUMBER)[n - 1] == f"▶ {n}")
         run_it(model)
         qtbot.waitUntil(lambda n=number, s=state: column(panel, STATE)[n - 1] == s)
@@ -360,7 +361,7 @@ def test_a_run_of_the_campaign_leaves_the_set_up_of_the_operator(
     model.set_config(mine)
     model.set_session(Path("mine.h5"))
     opened(qtbot, panel)
-    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.next)
     qtbot.waitUntil(lambda: model.is_lent)
     assert model.config.run.normal_force == pytest.approx(0.1)
     assert model.config.about == AboutSettings(operator="Ada")  # in the session of the run, too
@@ -450,7 +451,7 @@ def test_other_settings_than_those_of_the_run_do_not_get_its_file(
     run_it(model)
     assert Path("mine.h5").exists()
     qtbot.waitUntil(lambda: panel.lines is not before)
-    qtbot.mouseClick(panel.next, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.next)
     qtbot.waitUntil(lambda: model.session == Path("loads") / "loads-0.10N.h5")
 
 

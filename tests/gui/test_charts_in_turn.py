@@ -5,23 +5,17 @@ import threading
 import pytest
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, make_run
+from window_hands import Open, begin, look, make_run
 
 from app.gui import run_charts
 from app.gui.charts import Chart
 from app.gui.plots import raster
 from app.gui.run_charts import RunCharts
-from app.gui.source import setup_of
-from app.gui.view_state import ViewState, read, resolve
 
 
 @pytest.fixture(scope="module")
 def script() -> ScriptedRun:
     return ScriptedRun(320, 240, frames=330)
-
-
-def look(run: ScriptedRun, previous: ViewState | None) -> ViewState:
-    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
 
 
 def test_of_the_charts_that_are_drawn_in_turn_that_is_ready_which_is_next(

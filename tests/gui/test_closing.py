@@ -5,10 +5,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, make_run, model_of
+from window_hands import Open, begin, click, make_run, model_of
 
 from app.gui.window import MainWindow
 
@@ -41,7 +40,7 @@ def test_a_window_can_be_closed_while_its_run_goes_on(
     window.close()
     assert "slipscope attach b-17" in window.notice.text.text()
     with qtbot.waitSignal(window.closed):
-        qtbot.mouseClick(window.notice.other, Qt.MouseButton.LeftButton)
+        click(qtbot, window.notice.other)
     assert run.stays
     assert run.calls == []
 
@@ -63,7 +62,7 @@ def test_closing_while_a_run_is_made_ready_asks(qtbot: QtBot, open_window: Open,
     assert "made ready" in window.notice.text.text()
     if end == "called off":
         with qtbot.waitSignal(window.closed):
-            qtbot.mouseClick(window.notice.yes, Qt.MouseButton.LeftButton)
+            click(qtbot, window.notice.yes)
     may_be_made.set()
     if end == "begins":
         qtbot.waitUntil(lambda: run.started)

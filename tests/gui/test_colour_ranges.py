@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 from picture_hands import (  # noqa: F401 (fixtures)
     choose,
-    look,
     picture_of_run,
     run_of_script,
     script_of_frames,
@@ -13,6 +12,7 @@ from picture_hands import (  # noqa: F401 (fixtures)
 from PySide6.QtCore import QPoint, Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
+from window_hands import look
 
 from app.gui.frame_results import KINDS, FieldImage
 from app.gui.image_view import InterfaceView

@@ -12,12 +12,13 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import BACKGROUND, REFERENCE, P, ScriptedRun
+from window_hands import click, look
 
 from app.gui.cells import Tone
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_steps import RunSteps, StepStatus, band_gauge, planned, run_steps
 from app.gui.source import setup_of
-from app.gui.view_state import ViewState, read, resolve
+from app.gui.view_state import ViewState
 from app.gui.window_model import WindowModel
 from app.records.bench_view import Health
 from app.records.record_types import Conditions, Counts, End, Outcome, Phase
@@ -151,12 +152,9 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
     run = Asking()
     view: list[ViewState | None] = [None]
 
-    def look(frame: int) -> None:
-        run.at(frame)
-        before = view[0]
-        seen = before.curves.seen if before else 0
-        view[0] = resolve(setup_of(run), read(run, seen), before)
-        panel.show_view(view[0])
+    def show(frame: int) -> None:
+        view.append(look(run.at(frame), view[-1]))
+        panel.show_view(view[-1])
 
     model.begin_asked.connect(run.start)
     model.begin_asked.connect(lambda: model.set_busy(True))
@@ -164,19 +162,19 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
 
     assert standings(panel) == "○○○○○"
     assert panel.button.text() == "Start (F5) begins it"
-    qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.button)
     assert not run.started  # Start is in one place, above all panels
     model.begin_asked.emit()
     assert run.started
     panel.show_setup(setup_of(run))
     assert not panel.button.isEnabled()
 
-    look(4)
+    show(4)
     assert standings(panel) == "▶○○○○"
     assert panel.button.text() == "The block hangs free …"
     assert [band.isVisible() for band in panel.bands] == [True, False]
 
-    look(BACKGROUND)
+    show(BACKGROUND)
     assert standings(panel) == "✓▶○○○"
     assert panel.question.text() == "Is it dry?"
     assert panel.button.text() == "Answer and go on  F8 or Enter"
@@ -186,23 +184,23 @@ def test_a_run_from_start_to_end(qtbot: QtBot, panel: ExperimentPanel, model: Wi
     qtbot.keyClick(panel.answer, Qt.Key.Key_Return)
     assert run.answers == ["quite"]
 
-    look(BACKGROUND + 4)
+    show(BACKGROUND + 4)
     assert standings(panel) == "✓✓▶○○"
     assert not panel.answer.isVisible()
     assert [band.isVisible() for band in panel.bands] == [True, True]
     assert panel.bands[0].text.text() == "0.200 N"  # on its way from 0 to P
     assert panel.bands[0].gauge.tone is Tone.WARN
-    look(BACKGROUND + 10)
+    show(BACKGROUND + 10)
     assert panel.bands[0].gauge.value == pytest.approx(P, abs=0.003)
     assert panel.bands[0].gauge.tone is Tone.GOOD
     assert panel.bands[1].text.text().endswith(" mN")
 
-    look(50)
+    show(50)
     assert standings(panel) == "✓✓✓✓▶"
     assert not panel.bands[0].isVisible()
     assert panel.left.text().startswith("1 s left")
 
-    look(60)
+    show(60)
     model.set_busy(False)
     assert standings(panel) == "✓✓✓✓✓"
     assert panel.button.text() == "Start (F5) begins the next run"
@@ -213,8 +211,8 @@ def test_the_button_answers_yes(qtbot: QtBot, panel: ExperimentPanel, model: Win
     run = Asking()
     run.start()
     model.ordered.connect(lambda _, act: act(run))
-    panel.show_view(resolve(setup_of(run), read(run.at(BACKGROUND), 0), None))
-    qtbot.mouseClick(panel.button, Qt.MouseButton.LeftButton)
+    panel.show_view(look(run.at(BACKGROUND)))
+    click(qtbot, panel.button)
     assert run.answers == ["yes"]
 
 
@@ -223,7 +221,7 @@ def test_what_is_typed_is_no_answer_to_the_next_question(
 ) -> None:
     run = Asking()
     run.start()
-    view = resolve(setup_of(run), read(run.at(BACKGROUND), 0), None)
+    view = look(run.at(BACKGROUND))
     panel.show_view(view)
     qtbot.keyClicks(panel.answer, "dusty")
     answered_elsewhere = replace(view, steps=replace(view.steps, question="Is it clean?"))
@@ -244,11 +242,7 @@ def test_steps_of_the_next_run_follow_the_settings(
 def test_a_replay_of_an_older_session_goes_by_its_phases() -> None:
     run = ScriptedRun(320, 240, frames=60)
     run.start()
-
-    def look(frame: int) -> RunSteps:
-        return resolve(setup_of(run), read(run.at(frame), 0), None).steps
-
-    assert [look(n).number for n in (3, 12, 22, 50)] == [1, 2, 3, 4]
+    assert [look(run.at(n)).steps.number for n in (3, 12, 22, 50)] == [1, 2, 3, 4]
 
 
 def test_a_replay_goes_by_the_steps_of_its_frames() -> None:

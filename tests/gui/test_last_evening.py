@@ -8,7 +8,8 @@ from PySide6.QtWidgets import (
     QToolButton,
 )
 from pytestqt.qtbot import QtBot
-from set_up_hands import Shop, click, write
+from set_up_hands import Shop, write
+from window_hands import click
 
 from app.gui.memory import WindowMemory
 from app.gui.setup_panel import SetupPanel

@@ -9,6 +9,7 @@ from bench_hands import LEFT, Bench, bench_panel, raises, words, workshop_of_ben
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
+from window_hands import click
 from workshops import Makes
 
 from app.gui.bench_panel import BenchPanel
@@ -45,7 +46,7 @@ def test_no_button_of_the_bench_moves_while_devices_connect_or_fail(
     panel._show()
     QApplication.processEvents()  # what is laid out then is not yet what is seen
     look()
-    qtbot.mouseClick(panel.connect_button, LEFT)
+    click(qtbot, panel.connect_button)
     qtbot.waitUntil(look)
     qtbot.waitUntil(panel.zero.isEnabled)
     look()

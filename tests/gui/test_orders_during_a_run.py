@@ -1,7 +1,7 @@
 """What an operator asks of a run that goes on, by mouse and by keyboard: a pause, a note."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication, QInputDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from short_run import RIGID
-from window_hands import begin, make_run, model_of
+from window_hands import Open, begin, make_run, model_of
 
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_factory import RunFactory
@@ -166,9 +166,7 @@ def test_a_pause_that_can_not_be_says_why(
     assert bool(now.no_note) is (health.get("state") == "stopping")
 
 
-def test_what_is_played_neither_waits_nor_takes_notes(
-    qtbot: QtBot, open_window: Callable[..., MainWindow]
-) -> None:
+def test_what_is_played_neither_waits_nor_takes_notes(qtbot: QtBot, open_window: Open) -> None:
     run = make_run()
     window = open_window(model=model_of(lambda: run))
     large(window)
@@ -197,7 +195,7 @@ class Patient(ScriptedRun):
 
 
 def test_a_window_that_only_shows_a_run_pauses_it_and_takes_notes(
-    qtbot: QtBot, open_window: Callable[..., MainWindow]
+    qtbot: QtBot, open_window: Open
 ) -> None:
     run = make_run(Patient)
     window = open_window(run)  # as `slipscope attach` opens it
@@ -223,7 +221,7 @@ def test_a_window_that_only_shows_a_run_pauses_it_and_takes_notes(
 
 
 def test_the_end_of_a_run_does_not_wait_for_an_order_without_an_answer(
-    qtbot: QtBot, open_window: Callable[..., MainWindow]
+    qtbot: QtBot, open_window: Open
 ) -> None:
     answers = Event()
 

@@ -1,15 +1,13 @@
 """What is asked and answered in another order, or later, than an operator expects."""
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, make_run, model_of
+from window_hands import Open, begin, click, make_run, model_of
 from workshops import Makes
 
 from app.gui.notice import Notice
@@ -204,7 +202,7 @@ def test_an_offer_that_comes_late_waits_for_the_question_that_stands(
     window._offer_under_way("", [("b-1", "a bench")])
     qtbot.wait(50)
     assert window.notice.yes.text() == "It is free"
-    qtbot.mouseClick(window.notice.no, Qt.MouseButton.LeftButton)
+    click(qtbot, window.notice.no)
     qtbot.waitUntil(lambda: window.notice.yes.text() == "Show it")
     assert not answers
 
@@ -278,7 +276,7 @@ def test_the_window_waits_for_no_look_at_the_last_run_as_it_shows_the_next(
 
 
 def test_how_a_run_ended_is_told_though_its_time_line_cannot_be_drawn(
-    qtbot: QtBot, open_window: Callable[..., MainWindow]
+    qtbot: QtBot, open_window: Open
 ) -> None:
     run = make_run()
     window = open_window(model=model_of(lambda: run))

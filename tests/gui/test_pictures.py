@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from picture_hands import (  # noqa: F401 (fixtures)
     choose,
-    look,
     picture_of_run,
     run_of_script,
     script_of_frames,
@@ -20,7 +19,7 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
-from window_hands import make_run
+from window_hands import click, look, make_run
 
 from app.gui.curves_view import CurvesView
 from app.gui.frame_results import KINDS, FieldImage, shown_image
@@ -376,7 +375,7 @@ def test_frames_are_numbered_on_the_loading_curve(
     for frame in (100, 200):
         view = look(run.at(frame), view)
         draw(curves, view)
-        qtbot.mouseClick(curves.cells[0].mark, Qt.MouseButton.LeftButton)
+        click(qtbot, curves.cells[0].mark)
     marks = curves.cells[0].plot.chart.marks
     assert [mark.text for mark in marks] == ["1: frame 99", "2: frame 199"]
     snapshot = run.snapshots_since(99)[0]
@@ -393,12 +392,12 @@ def test_a_frame_is_numbered_on_a_curve_over_v_t(qtbot: QtBot, curves: CurvesVie
     curves.show_setup(setup_of(run))
     cell = curves.cells[0]
     draw(curves, look(run.at(50)))  # whose velocity of sliding is not known yet
-    qtbot.mouseClick(cell.mark, Qt.MouseButton.LeftButton)
+    click(qtbot, cell.mark)
     assert cell.plot.chart.marks == ()
     assert cell.saved.text() == "Frame 49 is not marked: no travel is known of it."
     view = look(run.at(60))
     draw(curves, view)
-    qtbot.mouseClick(cell.mark, Qt.MouseButton.LeftButton)
+    click(qtbot, cell.mark)
     (mark,), (line,) = cell.plot.chart.marks, cell.plot.chart.lines
     assert cell.plot.chart.x_label == "travel δ = v t (µm)"
     assert (mark.x, mark.y) == pytest.approx((line.x[-1], line.y[-1]))
@@ -446,12 +445,12 @@ def test_one_plot_is_enlarged_and_all_are_shown_again(
     draw(curves, look(run.at(200)))
     before, cell = keys(curves), curves.cells[2]
     size = cell.plot.size()
-    qtbot.mouseClick(cell.enlarge, Qt.MouseButton.LeftButton)
+    click(qtbot, cell.enlarge)
     assert keys(curves) == [cell.key]
     qtbot.waitUntil(lambda: cell.plot.width() > 1.8 * size.width())
     curves.resize(800, 900)
     assert keys(curves) == [cell.key]
-    qtbot.mouseClick(cell.enlarge, Qt.MouseButton.LeftButton)
+    click(qtbot, cell.enlarge)
     assert keys(curves) == before
 
 

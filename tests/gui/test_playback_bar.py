@@ -12,12 +12,11 @@ from PySide6.QtWidgets import QLineEdit, QPushButton, QSlider, QVBoxLayout, QWid
 from scripted_run import ScriptedRun
 from sparse_session import sparse_copy
 from whole_runs import recorded
+from window_hands import click, look
 
 from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
 from app.gui.result_panel import ResultPanel
-from app.gui.source import setup_of
-from app.gui.view_state import read, resolve
 from app.gui.window import MainWindow
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay
@@ -83,10 +82,6 @@ def host(qtbot, replay):
     yield host
     host.close()
     host.deleteLater()
-
-
-def look(replay):
-    return resolve(setup_of(replay), read(replay, 0), None)
 
 
 def test_the_frame_that_is_shown_is_at_its_forces_also_before_the_drive(replay):
@@ -174,10 +169,10 @@ def test_play_goes_on_from_the_frame_that_is_shown(qtbot, host, replay, monkeypa
     clock = SimpleNamespace(monotonic=lambda: clock.now_s, now_s=1000.0)
     monkeypatch.setattr("app.replay.playback.time", clock)
     host.bar.show_frame(30)
-    qtbot.mouseClick(host.bar.play, LEFT)
+    click(qtbot, host.bar.play)
     clock.now_s += 0.26  # eight frames a second
     qtbot.waitUntil(lambda: host.bar.number.value() == 32)
-    qtbot.mouseClick(host.bar.play, LEFT)
+    click(qtbot, host.bar.play)
     clock.now_s += 60
     host.bar.refresh()
     assert replay.frame == host.bar.number.value() == 32
@@ -193,7 +188,7 @@ def test_a_frame_that_was_not_analysed_is_shown_and_analysed_on_request(qtbot, h
         assert (view.image.full == recorded.frame(SKIPPED)[2]).all()
         shear = [recorded.snapshot(k).conditions.shear_force_n for k in (SKIPPED - 1, SKIPPED)]
     assert min(shear) - 1e-3 < view.charts.cursor.shear_n < max(shear) + 1e-3
-    qtbot.mouseClick(host.bar.analyse, LEFT)
+    click(qtbot, host.bar.analyse)
     qtbot.waitUntil(lambda: replay.has_results(SKIPPED))
     qtbot.waitUntil(lambda: not host.bar.analyse.isVisible())
     view = look(replay)
@@ -206,7 +201,7 @@ def test_a_frame_before_the_reference_can_not_be_analysed_and_says_so(qtbot, hos
     host.bar.said.connect(lambda sentence, _: said.append(sentence))
     replay.has_results = lambda frame: False
     host.bar.show_frame(2)
-    qtbot.mouseClick(host.bar.analyse, LEFT)
+    click(qtbot, host.bar.analyse)
     qtbot.waitUntil(lambda: bool(said))
     assert "frame 2 was exposed before a reference was taken" in said[0]
     assert host.bar.analyse.isEnabled()
@@ -223,7 +218,7 @@ def test_what_is_still_analysed_of_one_replay_is_not_waited_for_in_the_next(qtbo
     replay.analyse = slow
     host.bar.said.connect(lambda sentence, _: said.append(sentence))
     host.bar.show_frame(SKIPPED)
-    qtbot.mouseClick(host.bar.analyse, LEFT)
+    click(qtbot, host.bar.analyse)
     assert not host.bar.analyse.isEnabled()
     host.bar.attach(replay)  # as another one
     assert host.bar.analyse.isEnabled()
@@ -308,7 +303,7 @@ def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_pa
     first = look(replay)
     assert first.sentence.startswith(f"At t = −{(drive - 255) / 1000:.2f} s of the recording the")
     assert "hung free" in first.sentence
-    live_run = resolve(setup_of(ScriptedRun(320, 240)), read(ScriptedRun(320, 240), 0), None)
+    live_run = look(ScriptedRun(320, 240))
     assert (live_run.kind, live_run.badge, live_run.charts.cursor) == (Kind.LIVE, "IDLE", None)
     copy = tmp_path / session.name
     copy.write_bytes(session.read_bytes())

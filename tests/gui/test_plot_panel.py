@@ -10,6 +10,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QWheelEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+from window_hands import click
 
 from app.gui import theme
 from app.gui.charts import Chart, ChartMark, Guide, Line, Span
@@ -64,7 +65,7 @@ def test_all_is_shown_again(qtbot: QtBot, panel: PlotPanel, way: str) -> None:
     elif way == "R":
         qtbot.keyClick(plot, Qt.Key.Key_R)
     elif way == "button":
-        qtbot.mouseClick(panel.show_all, Qt.MouseButton.LeftButton)
+        click(qtbot, panel.show_all)
     elif way == "menu":
         panel.tools.menu().actions()[0].trigger()
     else:

@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,7 +12,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
-from window_hands import begin, make_run, model_of
+from window_hands import Open, begin, make_run, model_of
 
 from app.gui import point_history
 from app.gui.frame_results import Circles, frame_results
@@ -46,7 +45,7 @@ def expected_um(run: ScriptedRun, frame: int, row: int, col: int) -> float:
 
 @pytest.mark.parametrize("is_over", [False, True])
 def test_a_click_on_the_picture_shows_what_that_point_did(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], is_over: bool
+    qtbot: QtBot, open_window: Open, is_over: bool
 ) -> None:
     run = make_run()
     window = open_window(model=model_of(lambda: run))

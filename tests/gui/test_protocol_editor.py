@@ -6,7 +6,8 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
-from set_up_hands import click, click_in_view, heads_of_steps, open_table, steps_of, write
+from set_up_hands import click_in_view, heads_of_steps, open_table, steps_of, write
+from window_hands import click
 
 from app.gui import theme
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY

@@ -10,6 +10,7 @@ from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
+from window_hands import click
 
 from app.gui.frame_results import Circles
 from app.gui.plots.picture import PicturePlot
@@ -85,10 +86,6 @@ def press(qtbot: QtBot, panel: RegionPanel, place: tuple[float, float], times: i
     if times == 2:
         qtbot.mouseDClick(where, LEFT, pos=there)
         qtbot.mouseRelease(where, LEFT, pos=there)
-
-
-def click(qtbot: QtBot, widget: QWidget) -> None:
-    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
 
 
 def test_a_corner_is_dragged_and_every_change_can_be_undone(

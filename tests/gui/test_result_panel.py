@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from scripted_run import ScriptedRun
+from window_hands import click, look
 
 from app.evaluation.timeline import Mark, Timeline
 from app.gui.cells import typeset
@@ -160,11 +160,11 @@ def test_the_verdict_tells_complete_stopped_and_failed_apart(panel, end, reason,
 
 def test_the_card_is_copied_as_text_and_as_a_table(qtbot, panel):
     panel.show_card(card_of("a run", DONE, is_live=True))
-    qtbot.mouseClick(panel.copy_text, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.copy_text)
     text = QGuiApplication.clipboard().text()
     assert text.startswith("a run: complete (the drive of 190 um is complete)\n")
     assert "static friction\tmu_s\t0.926\t0.0042\t0.0071" in text
-    qtbot.mouseClick(panel.copy_csv, Qt.MouseButton.LeftButton)
+    click(qtbot, panel.copy_csv)
     rows = list(csv.DictReader(io.StringIO(QGuiApplication.clipboard().text())))
     modulus = next(row for row in rows if row["symbol"] == "E")
     assert float(modulus["value"]) == 3.421
@@ -196,13 +196,13 @@ def test_what_the_operator_noted_is_in_the_result_and_the_forces_of_a_recorded_r
 
 def test_until_the_end_the_settings_are_shown(panel):
     run = ScriptedRun(320, 240, frames=60).at(30)
-    view = resolve(setup_of(run), read(run, 0), None)
+    view = look(run)
     panel.show_view(view)
     assert panel.heading.text() == "Settings of the run"
     assert cells(panel)["velocity"][0] == "5"
     assert not panel.copy_text.isEnabled()
     run.at(60)
-    view = resolve(setup_of(run), read(run, 30), view)
+    view = look(run, view)
     panel.show_view(view)
     assert panel.heading.text() == "Result"
     assert panel.copy_text.isEnabled()

@@ -16,6 +16,7 @@ from PySide6.QtGui import QDropEvent, QGuiApplication
 from PySide6.QtWidgets import QLabel, QMenu
 from session.session_material import SHAPE, copy_recording, make_writer
 from whole_runs import done
+from window_hands import click
 
 from app.files.kinds import EXPORTS
 from app.gui.comparison_view import ComparisonView
@@ -139,7 +140,7 @@ def test_a_form_for_a_session_of_a_long_name_fits_a_narrow_dock(qtbot, panel, fo
     listed(qtbot, panel, 4)
     choose(qtbot, panel, name)
     for act, form in ((panel.analyse, panel.analysis_form), (panel.export, panel.export_form)):
-        qtbot.mouseClick(act, LEFT)
+        click(qtbot, act)
         qtbot.waitUntil(lambda form=form: form.isVisible() and name in form.heading.text())
         qtbot.wait(100)  # until all is laid out
         assert panel.minimumSizeHint().width() <= 318  # that of the docks of a window of 1366 px
@@ -165,7 +166,7 @@ def test_enter_and_double_click_play_the_chosen_session(qtbot, panel, folder):
     panel.list.setFocus()
     qtbot.keyClick(panel.list, Qt.Key.Key_Return)
     assert panel.asked == [folder / "load-20.h5"]
-    qtbot.mouseClick(panel.play_button, LEFT)
+    click(qtbot, panel.play_button)
     assert panel.asked == [folder / "load-20.h5"] * 2
 
 
@@ -175,7 +176,7 @@ def test_two_sessions_are_compared(qtbot, panel, folder):
     choose(qtbot, panel, "load-20.h5")
     assert not panel.compare_button.isEnabled()
     choose(qtbot, panel, "load-20.h5", "load-30.h5")
-    qtbot.mouseClick(panel.compare_button, LEFT)
+    click(qtbot, panel.compare_button)
     qtbot.waitUntil(lambda: len(panel.comparisons) == 1)
     view = panel.comparisons[0]
     table = view.table
@@ -188,7 +189,7 @@ def test_two_sessions_are_compared(qtbot, panel, folder):
     difference = float(table.item(load, 4).text().replace("−", "-"))
     assert difference == pytest.approx(last - first, abs=2e-4)
     # the same numbers, unrounded, as the session has them
-    qtbot.mouseClick(view.copy, LEFT)
+    click(qtbot, view.copy)
     text = QGuiApplication.clipboard().text()
     with SessionReader(folder / "load-30.h5") as session:
         assert f"{session.outcome.summary.mu_s:.9g}" in text
@@ -231,7 +232,7 @@ def test_a_file_that_is_no_session_gives_a_sentence(qtbot, panel, folder):
     panel.list_folder(folder)
     listed(qtbot, panel, 3)
     choose(qtbot, panel, "load-30.h5", "notes.h5")
-    qtbot.mouseClick(panel.compare_button, LEFT)
+    click(qtbot, panel.compare_button)
     qtbot.waitUntil(lambda: "notes.h5" in panel.said.text() and "Reading" not in panel.said.text())
     assert not panel.comparisons
 
@@ -240,7 +241,7 @@ def test_another_analysis_is_saved_and_shown_beside_the_recorded_one(qtbot, pane
     panel.list_folder(folder)
     listed(qtbot, panel, 3)
     choose(qtbot, panel, "load-30.h5")
-    qtbot.mouseClick(panel.analyse, LEFT)
+    click(qtbot, panel.analyse)
     form = panel.analysis_form
     assert form.isVisible()
     output = folder / "load-30-analysis.h5"
@@ -249,7 +250,7 @@ def test_another_analysis_is_saved_and_shown_beside_the_recorded_one(qtbot, pane
     form.box.selectAll()
     qtbot.keyClicks(form.box, "28")
     qtbot.keyClicks(form.others, "sample.young_modulus=3")
-    qtbot.mouseClick(form.begin_button, LEFT)
+    click(qtbot, form.begin_button)
     assert not form.begin_button.isEnabled()
     qtbot.waitUntil(lambda: len(panel.comparisons) == 1)
     with SessionReader(output) as session:
@@ -282,7 +283,7 @@ def test_a_setting_that_no_analysis_may_change_is_refused_by_name(qtbot, panel, 
     panel.list_folder(folder)
     listed(qtbot, panel, 3)
     choose(qtbot, panel, "load-30.h5")
-    qtbot.mouseClick(panel.analyse, LEFT)
+    click(qtbot, panel.analyse)
     qtbot.keyClicks(panel.analysis_form.others, "run.travel=99")
     qtbot.keyClick(panel.analysis_form.others, Qt.Key.Key_Return)
     qtbot.waitUntil(lambda: "run.travel is 22" in panel.said.text())
@@ -320,9 +321,9 @@ def test_the_form_of_an_export_stays_with_the_session_that_is_chosen(qtbot, pane
     panel.list_folder(folder)
     listed(qtbot, panel, 3)
     choose(qtbot, panel, "load-30.h5")
-    qtbot.mouseClick(panel.export, LEFT)
+    click(qtbot, panel.export)
     form = panel.export_form
-    qtbot.mouseClick(form.begin_button, LEFT)
+    click(qtbot, form.begin_button)
     assert not form.isEnabled()
     choose(qtbot, panel, "load-20.h5")
     qtbot.waitUntil(form.isEnabled, timeout=20_000)
@@ -334,13 +335,13 @@ def test_an_export_says_where_it_went(qtbot, panel, folder, what):
     panel.list_folder(folder)
     listed(qtbot, panel, 3)
     choose(qtbot, panel, "load-30.h5")
-    qtbot.mouseClick(panel.export, LEFT)
+    click(qtbot, panel.export)
     form = panel.export_form
     kinds = [one.what for one in EXPORTS]
     form.kind.setCurrentIndex(kinds.index(what))
     destination = folder / ("load-30-summary.csv" if what == "summary" else "load-30-tables")
     assert form.file.text() == str(destination)
-    qtbot.mouseClick(form.begin_button, LEFT)
+    click(qtbot, form.begin_button)
     qtbot.waitUntil(lambda: str(destination) in panel.said.text())
     assert destination.exists()
     # the next one goes elsewhere by itself, and the same place is refused
@@ -413,7 +414,7 @@ def test_a_recording_that_was_cut_short_is_listed_and_brought_back(qtbot, panel,
     assert panel.play_button.text() == "Repair"
     assert "slipscope repair full-disk.h5 -o full-disk-repaired.h5" in panel.said.text()
     assert not panel.export.isEnabled()
-    qtbot.mouseClick(panel.play_button, LEFT)
+    click(qtbot, panel.play_button)
     qtbot.waitUntil(lambda: "full-disk-repaired.h5" in rows(panel))
     assert panel.asked == []
     listed(qtbot, panel, 3)

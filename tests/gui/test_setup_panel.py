@@ -15,7 +15,8 @@ from PySide6.QtWidgets import (
     QMessageBox,
 )
 from pytestqt.qtbot import QtBot
-from set_up_hands import click, open_table, steps_of, visible, write
+from set_up_hands import open_table, steps_of, visible, write
+from window_hands import click
 
 from app.gui.bench_panel import BenchPanel
 from app.gui.form import AS_SET, OWN_STEPS, STEPS_KEY

@@ -14,6 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import click
 from workshops import Makes
 
 from app.gui.bench_link import LinkState
@@ -73,12 +74,12 @@ def by_menu(qtbot: QtBot, window: MainWindow) -> None:
 
 def by_set_up(qtbot: QtBot, window: MainWindow) -> None:
     assert window.setup is not None
-    qtbot.mouseClick(window.setup.save_button, LEFT)
+    click(qtbot, window.setup.save_button)
 
 
 def by_sessions(qtbot: QtBot, window: MainWindow) -> None:
     assert window.sessions is not None
-    qtbot.mouseClick(window.sessions.open, LEFT)
+    click(qtbot, window.sessions.open)
 
 
 def test_a_moving_stage_is_stopped_while_a_file_is_asked_for(

@@ -3,14 +3,13 @@
 import queue
 import threading
 import time
-from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import colour_of
+from window_hands import Open, click, colour_of
 from workshops import Makes
 
 from app.gui import theme
@@ -60,7 +59,7 @@ def run() -> Stopped:
     return Stopped(320, 240, frames=60)
 
 
-def that_makes_runs(open_window: Callable[..., MainWindow]) -> tuple[MainWindow, list[Stopped]]:
+def that_makes_runs(open_window: Open) -> tuple[MainWindow, list[Stopped]]:
     """A window, and the runs that it will have made."""
     runs: list[Stopped] = []
 
@@ -80,9 +79,8 @@ def says(window: MainWindow, sentence: str) -> bool:
 
 
 def test_sent_is_amber_then_at_rest_is_green_and_stays(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped, beeps: list[str]
+    qtbot: QtBot, window: MainWindow, run: Stopped, beeps: list[str]
 ) -> None:
-    window = open_window(run)
     qtbot.keyClick(window, Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: window._view is not None)
     parts = (window.readouts, window.interface, window.curves)
@@ -100,7 +98,7 @@ def test_sent_is_amber_then_at_rest_is_green_and_stays(
     run.stopped = True
     qtbot.waitUntil(lambda: window.outcome() is not None)
     assert says(window, REST.sentence)
-    qtbot.mouseClick(window.notice.no, Qt.MouseButton.LeftButton)
+    click(qtbot, window.notice.no)
     qtbot.wait(250)
     assert not window.notice.isVisible()
     assert not beeps
@@ -109,13 +107,12 @@ def test_sent_is_amber_then_at_rest_is_green_and_stays(
 @pytest.mark.parametrize("at_once", [True, False])
 def test_failed_is_red_beeps_and_stays_until_it_is_dismissed(
     qtbot: QtBot,
-    open_window: Callable[..., MainWindow],
+    window: MainWindow,
     run: Stopped,
     beeps: list[str],
     at_once: bool,
 ) -> None:
     run.first, run.later = (MOVES, None) if at_once else (SENT, MOVES)
-    window = open_window(run)
     window.begin()
     press(qtbot, window)
     qtbot.waitUntil(lambda: says(window, MOVES.sentence))
@@ -127,15 +124,14 @@ def test_failed_is_red_beeps_and_stays_until_it_is_dismissed(
     qtbot.waitUntil(lambda: window.outcome() is not None)
     qtbot.wait(250)
     assert says(window, MOVES.sentence)
-    qtbot.mouseClick(window.notice.no, Qt.MouseButton.LeftButton)
+    click(qtbot, window.notice.no)
     qtbot.wait(250)
     assert not window.notice.isVisible()
 
 
 def test_a_stage_that_could_not_be_stopped_is_told_though_nobody_pressed(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped, beeps: list[str]
+    qtbot: QtBot, window: MainWindow, run: Stopped, beeps: list[str]
 ) -> None:
-    window = open_window(run)
     window.begin()
     run.then = SENT
     qtbot.waitUntil(lambda: window._view is not None and window._view.stop == SENT)
@@ -146,10 +142,9 @@ def test_a_stage_that_could_not_be_stopped_is_told_though_nobody_pressed(
 
 
 def test_an_actuator_that_does_not_return_is_on_its_way_and_delays_nothing(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped
+    qtbot: QtBot, window: MainWindow, run: Stopped
 ) -> None:
     run.hangs = threading.Event()
-    window = open_window(run)
     window.begin()
     press(qtbot, window)
     assert run.called.wait(60)
@@ -164,7 +159,7 @@ def test_an_actuator_that_does_not_return_is_on_its_way_and_delays_nothing(
 @pytest.mark.parametrize("state", ["no source", "idle", "ended"])
 def test_nothing_is_sent_where_nothing_is_connected(
     qtbot: QtBot,
-    open_window: Callable[..., MainWindow],
+    open_window: Open,
     run: Stopped,
     beeps: list[str],
     state: str,
@@ -188,7 +183,7 @@ def test_nothing_is_sent_where_nothing_is_connected(
 
 
 def test_the_next_run_begins_without_the_answer_to_the_last(
-    qtbot: QtBot, open_window: Callable[..., MainWindow]
+    qtbot: QtBot, open_window: Open
 ) -> None:
     window, runs = that_makes_runs(open_window)
     qtbot.keyClick(window, Qt.Key.Key_F5)
@@ -198,14 +193,14 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
     qtbot.waitUntil(lambda: window.outcome() is not None)
     qtbot.waitUntil(lambda: says(window, REST.sentence))
     qtbot.waitUntil(window.top.start.isEnabled)
-    qtbot.mouseClick(window.top.start, Qt.MouseButton.LeftButton)
+    click(qtbot, window.top.start)
     qtbot.waitUntil(lambda: len(runs) == 2 and runs[1].started)
     qtbot.wait(250)
     assert not window.notice.isVisible()
 
 
 def test_a_view_that_was_asked_for_before_the_press_is_no_answer_to_it(
-    qtbot: QtBot, open_window: Callable[..., MainWindow], run: Stopped
+    qtbot: QtBot, open_window: Open, run: Stopped
 ) -> None:
     looks, asked, goes_on = run.look, threading.Event(), threading.Event()
 
@@ -232,7 +227,7 @@ def test_a_view_that_was_asked_for_before_the_press_is_no_answer_to_it(
 
 
 def test_an_answer_that_comes_when_the_next_run_was_stopped_is_none_to_that(
-    qtbot: QtBot, open_window: Callable[..., MainWindow]
+    qtbot: QtBot, open_window: Open
 ) -> None:
     window, runs = that_makes_runs(open_window)
     window.begin()
@@ -256,7 +251,7 @@ def test_an_answer_that_comes_when_the_next_run_was_stopped_is_none_to_that(
 @pytest.mark.parametrize("has_ended", [False, True])
 def test_a_failure_is_shown_at_once_though_other_answers_come_before_it(
     qtbot: QtBot,
-    open_window: Callable[..., MainWindow],
+    window: MainWindow,
     run: Stopped,
     beeps: list[str],
     has_ended: bool,
@@ -265,7 +260,6 @@ def test_a_failure_is_shown_at_once_though_other_answers_come_before_it(
     run.later = MOVES
     if not has_ended:
         run.outcome = lambda: None  # type: ignore[method-assign]
-    window = open_window(run)
     window.begin()
     for _ in range(20):  # an operator in a hurry
         press(qtbot, window)

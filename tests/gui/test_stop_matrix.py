@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import colour_of
+from window_hands import Open, colour_of
 from workshops import Makes
 
 from app.gui import theme
@@ -61,7 +61,7 @@ class Stopped(ScriptedRun):
 
 
 @pytest.fixture
-def open_run(open_window: Callable[..., MainWindow]) -> Callable[..., MainWindow]:
+def open_run(open_window: Open) -> Open:
     """Opens a window whose runs are made by a function, and which notes which answers it shows."""
 
     def make(make_run: Callable[[], Any]) -> MainWindow:
@@ -106,7 +106,7 @@ def check_answer(
 
 @each_answer
 def test_during_a_run_and_after_its_end(
-    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_run: Open, beeps: list[str], answer: StopAnswer
 ) -> None:
     """One run after the other, each stopped in another state."""
     runs: list[Stopped] = []
@@ -144,7 +144,7 @@ def test_during_a_run_and_after_its_end(
 
 @each_answer
 def test_with_a_connected_bench(
-    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
+    qtbot: QtBot, open_run: Open, beeps: list[str], answer: StopAnswer
 ) -> None:
     """It is the bench that is stopped, also while a run is being made, which then never begins."""
     run, may_be_made = Stopped(answer), threading.Event()
@@ -173,9 +173,7 @@ def test_with_a_connected_bench(
 
 
 @each_answer
-def test_while_closing(
-    qtbot: QtBot, open_run: Callable[..., MainWindow], beeps: list[str], answer: StopAnswer
-) -> None:
+def test_while_closing(qtbot: QtBot, open_run: Open, beeps: list[str], answer: StopAnswer) -> None:
     """STOP at the question whether to close; a yes stops first, and a stop that fails keeps the
     window open.
     """
@@ -208,7 +206,7 @@ def test_while_closing(
 
 
 def test_a_second_run_that_is_stopped_while_it_is_made_has_an_end(
-    qtbot: QtBot, open_run: Callable[..., MainWindow], tmp_path: Any
+    qtbot: QtBot, open_run: Open, tmp_path: Any
 ) -> None:
     """The run that was called off is told as such, in place of the first, and Start makes a
     third.

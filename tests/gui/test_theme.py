@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import look
 
 from app.campaigns.state import RunState
 from app.gui import theme
@@ -28,9 +29,7 @@ from app.gui.number_boxes import NumberBox
 from app.gui.panels import LiveStrip
 from app.gui.run_charts import TITLES
 from app.gui.run_steps import StepStatus
-from app.gui.source import setup_of
 from app.gui.theme import DARK, LIGHT, Palette
-from app.gui.view_state import read, resolve
 from app.gui.widgets import Choice, RowList, button, tool_button
 from app.records.bench_view import DeviceState
 from app.records.record_types import End
@@ -139,7 +138,7 @@ def test_a_quantity_has_its_colour_in_live_numbers_and_curves(qapp: QApplication
     gauge.show()
     run = ScriptedRun(320, 240, frames=330).at(200)
     run.start()
-    charts = resolve(setup_of(run), read(run, 0), None).charts
+    charts = look(run).charts
     lines = {key: [(line.columns[1], line.role) for line in charts[key].lines] for key in TITLES}
     for name, palette in (("light", LIGHT), ("dark", DARK)):
         theme.apply(qapp, name)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
+from window_hands import look
 
 from app.gui import run_charts, run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
@@ -16,7 +17,7 @@ from app.gui.frame_results import shown_image
 from app.gui.run_charts import RunCharts
 from app.gui.run_curves import NO_CURVES, extended, force_strips
 from app.gui.source import setup_of
-from app.gui.view_state import ViewState, read, resolve
+from app.gui.view_state import read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase, Snapshot, Stick
 from app.records.snapshot_numbers import RADII
 
@@ -30,10 +31,6 @@ def script() -> ScriptedRun:
 def run(script: ScriptedRun) -> ScriptedRun:
     script.started, script.stopped, script.reason = True, False, ""
     return script.at(0)
-
-
-def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
-    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
 
 
 def test_deciding_what_is_shown_loads_no_qt() -> None:

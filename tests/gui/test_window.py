@@ -19,7 +19,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, make_run, model_of
+from window_hands import Open, begin, click, make_run, model_of
 
 from app.gui import window as window_module
 from app.gui.cells import DASH, readouts
@@ -110,7 +110,7 @@ def test_start_and_end_by_button_and_key(
     qtbot.keyClick(window, Qt.Key.Key_F5)
     assert run.started
     assert not window.top.start.isEnabled()
-    qtbot.mouseClick(window.top.stop, Qt.MouseButton.LeftButton)
+    click(qtbot, window.top.stop)
     assert run.called.wait(60)
     assert run.calls == ["the operator ended the run"]
     qtbot.waitUntil(lambda: window.outcome() is not None)

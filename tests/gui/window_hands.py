@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from workshops import Makes
 
 from app.gui.notice import Notice
+from app.gui.source import setup_of
+from app.gui.view_state import ViewState, read, resolve
 from app.gui.window import MainWindow
 from app.gui.window_model import WindowModel
 from app.settings.sections import Config
@@ -39,3 +43,13 @@ def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> Non
 def colour_of(notice: Notice) -> str:
     """That of what is said."""
     return notice.text.palette().windowText().color().name()
+
+
+def click(qtbot: QtBot, widget: QWidget) -> None:
+    """Click in the middle of a widget."""
+    qtbot.mouseClick(widget, Qt.MouseButton.LeftButton)
+
+
+def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
+    """What a window shows of a run that it has seen before as `previous`."""
+    return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
