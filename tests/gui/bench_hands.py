@@ -27,6 +27,7 @@ SMALL = (
     "sim.press_time=3000",
     "limits.age=10",  # the machine may be busy
 )
+Told = list[tuple[str, bool]]
 LEFT = Qt.MouseButton.LeftButton
 
 
@@ -75,6 +76,22 @@ def bench_panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
     yield shown
     shown.disconnect_bench()
     qtbot.waitUntil(lambda: shown.link.phase is LinkState.OFF)
+
+
+@pytest.fixture(name="noted")
+def notes_of_panel(panel: BenchPanel) -> list[str]:
+    """What the panel has put into the log."""
+    notes: list[str] = []
+    model_of(panel).noted.connect(notes.append)
+    return notes
+
+
+@pytest.fixture(name="told")
+def sentences_of_panel(panel: BenchPanel) -> Told:
+    """What the panel has said in the line of the window, and whether it was an alarm."""
+    sentences: Told = []
+    model_of(panel).said.connect(lambda *sentence: sentences.append(sentence))
+    return sentences
 
 
 def model_of(panel: BenchPanel) -> WindowModel:

@@ -126,6 +126,14 @@ def model() -> WindowModel:
 
 
 @pytest.fixture
+def said(model: WindowModel) -> list[str]:
+    """What the parts of the window say through its model."""
+    told: list[str] = []
+    model.said.connect(lambda text, _: told.append(text))
+    return told
+
+
+@pytest.fixture
 def panel(
     qtbot: QtBot, model: WindowModel, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> SetupPanel:

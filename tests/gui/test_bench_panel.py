@@ -12,14 +12,17 @@ from bench_hands import (  # noqa: F401 (fixtures)
     LEFT,
     SMALL,
     Bench,
+    Told,
     bench_panel,
     connect,
     crawl,
     filled,
     model_of,
     normal_n,
+    notes_of_panel,
     place_um,
     raises,
+    sentences_of_panel,
     words,
     workshop_of_benches,
 )
@@ -122,11 +125,9 @@ def test_no_key_moves_the_stage_after_zero(qtbot: QtBot, panel: BenchPanel) -> N
 
 
 def test_zero_under_load_asks_is_logged_and_can_be_undone(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, noted: list[str]
 ) -> None:
     workshop.world = ("sim.press_time=0.01",)
-    noted: list[str] = []
-    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
 
     qtbot.waitUntil(lambda: normal_n(panel) > 0.45)
@@ -291,34 +292,32 @@ def test_what_forbids_a_jog_is_said(qtbot: QtBot, panel: BenchPanel, workshop: B
     qtbot.mouseRelease(panel.stage.jogs[3], LEFT)
 
 
-def test_a_stop_that_fails_is_an_alarm(qtbot: QtBot, panel: BenchPanel, workshop: Bench) -> None:
+def test_a_stop_that_fails_is_an_alarm(
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, told: Told
+) -> None:
     connect(qtbot, panel)
     dead = DeviceFault("stage: the line is dead; check the cable")
-    said: list[tuple[str, bool]] = []
-    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
     workshop.made[-1]._devices["actuator"].device.stop = raises(dead)
     qtbot.mousePress(panel.stage.jogs[0], LEFT)
     qtbot.mouseRelease(panel.stage.jogs[0], LEFT)
-    qtbot.waitUntil(lambda: bool(said))
-    assert said[0][1]
-    assert "cut the actuator's power" in said[0][0]
-    assert str(dead) in said[0][0]
+    qtbot.waitUntil(lambda: bool(told))
+    assert told[0][1]
+    assert "cut the actuator's power" in told[0][0]
+    assert str(dead) in told[0][0]
 
 
 def test_a_dead_mans_stop_that_fails_is_an_alarm_once(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, told: Told
 ) -> None:
     connect(qtbot, panel)
-    said: list[tuple[str, bool]] = []
-    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
     preview = workshop.made[-1]
     preview._devices["actuator"].device.stop = raises(DeviceFault("stage: the line is dead"))
     preview.jog(1, 10e-6)  # and nobody says any more that it goes on
-    qtbot.waitUntil(lambda: bool(said))
+    qtbot.waitUntil(lambda: bool(told))
     qtbot.wait(400)
-    assert len(said) == 1
-    assert said[0][1]
-    assert "stage: the line is dead" in said[0][0]
+    assert len(told) == 1
+    assert told[0][1]
+    assert "stage: the line is dead" in told[0][0]
 
 
 def test_a_bench_that_can_not_be_made_says_why(
@@ -438,10 +437,8 @@ def test_benches_are_picked_by_name_or_file_and_remembered(
 
 
 def test_exposure_and_gain_are_those_of_the_next_run(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, noted: list[str]
 ) -> None:
-    noted: list[str] = []
-    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
     before = workshop.made[0].look().picture.mean
     panel.exposure.setFocus()
@@ -451,8 +448,8 @@ def test_exposure_and_gain_are_those_of_the_next_run(
     assert model_of(panel).config.camera.exposure == pytest.approx(0.02)
     # the picture has it, and the bench stays connected
     qtbot.waitUntil(lambda: workshop.made[0].look().picture.mean > 1.8 * before)
-    told = "Bench: the camera has exposure 20 ms"
-    qtbot.waitUntil(lambda: [one for one in noted if "camera has" in one] == [told])
+    words_of_log = "Bench: the camera has exposure 20 ms"
+    qtbot.waitUntil(lambda: [one for one in noted if "camera has" in one] == [words_of_log])
     assert len(workshop.made) == 1
     assert "connect again" not in words(panel)
     panel.exposure.selectAll()

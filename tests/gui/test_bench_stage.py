@@ -9,12 +9,15 @@ from bench_hands import (  # noqa: F401 (fixtures)
     LEFT,
     SMALL,
     Bench,
+    Told,
     bench_panel,
     connect,
     crawl,
     model_of,
+    notes_of_panel,
     place_um,
     raises,
+    sentences_of_panel,
     words,
     workshop_of_benches,
 )
@@ -35,11 +38,9 @@ from app.system.stopping import failed
 
 
 def test_an_operator_sends_the_stage_to_a_place(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+    qtbot: QtBot, panel: BenchPanel, noted: list[str]
 ) -> None:
-    stage, noted = panel.stage, []
-    doing: list[str] = []
-    model_of(panel).noted.connect(noted.append)
+    stage, doing = panel.stage, []
     panel.acts.connect(doing.append)
     assert not stage.go.isEnabled()
     assert not stage.home.isEnabled()
@@ -129,10 +130,8 @@ def test_the_origin_is_searched_after_a_question_only(
 
 
 def test_connecting_jogging_and_disconnecting_are_in_the_log(
-    qtbot: QtBot, panel: BenchPanel
+    qtbot: QtBot, panel: BenchPanel, noted: list[str]
 ) -> None:
-    noted: list[str] = []
-    model_of(panel).noted.connect(noted.append)
     connect(qtbot, panel)
     qtbot.waitUntil(lambda: sum("ready" in one for one in noted) == 3)
     assert noted[0] == "Bench: connecting (current set-up)"
@@ -236,25 +235,21 @@ def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel
 
 
 def test_a_stop_that_fails_as_the_bench_is_let_go_of_is_an_alarm(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, told: Told
 ) -> None:
     connect(qtbot, panel)
-    said: list[tuple[str, bool]] = []
-    model_of(panel).said.connect(lambda sentence, is_alarm: said.append((sentence, is_alarm)))
     close, answer = workshop.made[-1].close, failed("stage: the line is dead")
     workshop.made[-1].close = lambda: (close(), answer)[1]
     panel.disconnect_bench()
-    qtbot.waitUntil(lambda: said == [(answer.sentence, True)])
+    qtbot.waitUntil(lambda: told == [(answer.sentence, True)])
 
 
 def test_why_the_stage_was_stopped_is_said_once_and_not_over_what_is_newer(
-    qtbot: QtBot, panel: BenchPanel, workshop: Bench
+    qtbot: QtBot, panel: BenchPanel, workshop: Bench, noted: list[str]
 ) -> None:
     connect(qtbot, panel)
     look, why = workshop.made[-1].look, [""]
     workshop.made[-1].look = lambda known=-1: replace(look(known), said=why[-1])
-    notes: list[str] = []
-    model_of(panel).noted.connect(notes.append)
     for reason in ("jog: it was stopped: Q", "", "jog: it was stopped: Q", "jog: P"):
         why.append(reason)
         qtbot.waitUntil(lambda: panel.link.view.said == why[-1])
@@ -265,7 +260,7 @@ def test_why_the_stage_was_stopped_is_said_once_and_not_over_what_is_newer(
         for _ in range(2):
             panel._tick()
         assert panel.said.text() == "Zeroed."
-    assert [one for one in notes if "jog" in one] == [f"Bench: {one}" for one in why if one]
+    assert [one for one in noted if "jog" in one] == [f"Bench: {one}" for one in why if one]
 
 
 def test_what_is_wrong_with_a_device_is_said_until_it_is_mended(

@@ -312,7 +312,7 @@ def _table(folder: Path) -> Path:
 
 
 def test_options_are_typed_and_chosen_and_what_cannot_be_used_is_said(
-    qtbot: QtBot, model: WindowModel
+    qtbot: QtBot, model: WindowModel, said: list[str]
 ) -> None:
     panel = CalibrationPanel(model)
     qtbot.addWidget(panel)
@@ -327,8 +327,6 @@ def test_options_are_typed_and_chosen_and_what_cannot_be_used_is_said(
     asked = panel.options_of(kind)
     assert (before.time, asked.time) == (20.0, 30.0)
     assert asked.common_signal is not before.common_signal
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     write(qtbot, rows["time"].editor, "long")
     panel.measure()
     assert "time must be a number" in said[-1]

@@ -94,7 +94,7 @@ def test_a_campaign_that_is_only_open_writes_nothing_after_another_run(
 
 
 def test_the_runs_of_a_campaign_and_the_next_one(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path, said: list[str]
 ) -> None:
     assert not panel.next.isEnabled()
     opened(qtbot, panel)
@@ -102,8 +102,6 @@ def test_the_runs_of_a_campaign_and_the_next_one(
     assert panel.sentence.text().startswith("0 of 3 runs done, about ")
     assert not (tmp_path / "loads").exists()  # to look writes nothing
     assert panel.next.text() == "Next: run 1, loads-0.10N"
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     click(qtbot, panel.next)
     qtbot.waitUntil(lambda: model.session is not None)
     assert model.session == Path("loads") / "loads-0.10N.h5"
@@ -226,14 +224,13 @@ def test_stop_ends_a_campaign_that_goes_on_by_itself(
 
 
 def test_a_run_that_was_not_brought_to_its_end_ends_it_as_well(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, said: list[str]
 ) -> None:
     opened(qtbot, panel)
     panel.unattended.setChecked(True)
     panel.take(panel.lines.runs[0])
     qtbot.waitUntil(lambda: model.session is not None)
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
+    said.clear()
     model.set_busy(True, is_live=True)
     model.ended.emit(None)  # without a session
     model.set_busy(False)
@@ -290,10 +287,14 @@ def test_a_campaign_has_the_protocol_of_the_set_up(
     ("loads", "told"), [("0.1 x", "Loads: 'x' is no number"), ("0.1 90", "run.normal_force")]
 )
 def test_a_plan_that_can_not_be_run_is_no_file(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path, loads: str, told: str
+    qtbot: QtBot,
+    panel: CampaignPanel,
+    model: WindowModel,
+    tmp_path: Path,
+    loads: str,
+    told: str,
+    said: list[str],
 ) -> None:
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     panel.form.loads.setText(loads)
     panel.make(tmp_path / "mine.toml")
     qtbot.waitUntil(lambda: bool(said))
@@ -302,7 +303,7 @@ def test_a_plan_that_can_not_be_run_is_no_file(
 
 
 def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path, said: list[str]
 ) -> None:
     opened(qtbot, panel)
     for number, state in ((1, "done"), (2, "failed")):
@@ -325,20 +326,17 @@ def test_runs_are_told_by_their_sessions_and_a_failed_one_is_repeated(
     assert not model.session.exists()
     assert (tmp_path / "loads" / "kept" / "loads-0.11N.h5").exists()
 
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
+    said.clear()
     panel.take(panel.lines.runs[0])
     qtbot.waitUntil(lambda: bool(said))
     assert said == ["Campaign: run 1, loads-0.10N: it is done; choose another run"]
 
 
 def test_a_campaign_that_can_not_be_read_gives_a_sentence(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, tmp_path: Path, said: list[str]
 ) -> None:
     opened(qtbot, panel)
     (tmp_path / "loads.toml").write_text("[vary]\nrun.normal_force = [50]")
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     panel.open(Path("loads.toml"))
     qtbot.waitUntil(lambda: bool(said))
     assert said[0].startswith("Campaign: loads.toml, run 1: run.normal_force must be")
@@ -388,11 +386,9 @@ def test_no_run_begins_by_itself_while_a_session_is_played(
 
 
 def test_a_run_that_could_not_be_made_ends_it_and_is_not_taken_for_the_next(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, said: list[str]
 ) -> None:
     opened(qtbot, panel)
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     panel.unattended.setChecked(True)
     model.not_begun.emit()  # the form was not in order: it is begun later
     assert panel.unattended.isChecked()
@@ -433,14 +429,13 @@ def test_a_zero_that_is_taken_for_a_run_leaves_it_one_of_the_campaign_and_holds_
 
 
 def test_other_settings_than_those_of_the_run_do_not_get_its_file(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel
+    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, said: list[str]
 ) -> None:
     model.set_session(Path("mine.h5"))
     opened(qtbot, panel)
     panel.take(panel.lines.runs[0])
     qtbot.waitUntil(lambda: model.is_lent)
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
+    said.clear()
     model.set_config(replace(model.config, run=replace(model.config.run, travel=70e-6)))
     assert said == [
         "Campaign: run.travel not as in run 1: Start begins no run of the campaign, and records"
@@ -456,11 +451,13 @@ def test_other_settings_than_those_of_the_run_do_not_get_its_file(
 
 
 def test_a_run_is_taken_while_the_last_one_is_looked_at(
-    qtbot: QtBot, panel: CampaignPanel, model: WindowModel, monkeypatch: pytest.MonkeyPatch
+    qtbot: QtBot,
+    panel: CampaignPanel,
+    model: WindowModel,
+    monkeypatch: pytest.MonkeyPatch,
+    said: list[str],
 ) -> None:
     opened(qtbot, panel)
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     may_go_on, is_looking, find = Event(), Event(), campaign_lines.find_sessions
 
     def slowly(plan: Campaign) -> dict[int, FoundSession]:

@@ -187,10 +187,8 @@ def test_a_small_circle_stays_one_when_it_is_made_large(
 
 
 def test_a_circle_about_the_contact_has_so_many_of_its_radii(
-    qtbot: QtBot, panel: RegionPanel, model: WindowModel
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel, said: list[str]
 ) -> None:
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     panel.kind.setCurrentText(CONTACT)
     click(qtbot, panel.leave_button)
     assert model.config.dic.region == ()
@@ -223,11 +221,11 @@ def test_the_panel_says_how_large_a_shape_is_and_how_many_boxes_fit(
     assert 0 < int(panel.boxes.text().partition(" ")[0]) < inside
 
 
-def test_a_triangle_keeps_its_corners(qtbot: QtBot, panel: RegionPanel, model: WindowModel) -> None:
+def test_a_triangle_keeps_its_corners(
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel, said: list[str]
+) -> None:
     triangle = "outside 50 50 200 50 120 180"
     model.set_config(load(None, (*SIZE, f'dic.region=["{triangle}"]')))
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     press(qtbot, panel, (50, 50), times=2)
     assert model.config.dic.region == (triangle,)
     assert not said
@@ -275,11 +273,9 @@ def test_the_region_is_on_the_picture_only_while_the_panel_is_in_sight(
 
 
 def test_a_method_that_knows_no_region_says_so(
-    qtbot: QtBot, panel: RegionPanel, model: WindowModel
+    qtbot: QtBot, panel: RegionPanel, model: WindowModel, said: list[str]
 ) -> None:
     model.set_config(load(None, (*SIZE, "dic.method=direct")))
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     click(qtbot, panel.measure_button)
     assert model.config.dic.region == ()
     assert "dic.region asked with method 'direct'" in said[0]

@@ -108,6 +108,13 @@ def choose(qtbot, panel, *names):
         qtbot.mouseClick(panel.list.viewport(), LEFT, key, place)
 
 
+def listed_and_chosen(qtbot, panel, folder, *names):
+    """List the three files of a folder, and choose some."""
+    panel.list_folder(folder)
+    listed(qtbot, panel, 3)
+    choose(qtbot, panel, *names)
+
+
 @pytest.mark.slow
 def test_a_folder_that_is_dropped_is_listed_with_state_load_and_friction(qtbot, panel, folder):
     drop(panel, folder)
@@ -160,9 +167,7 @@ def test_a_session_that_is_dropped_is_played_and_stands_among_the_recent(qtbot, 
 
 
 def test_enter_and_double_click_play_the_chosen_session(qtbot, panel, folder):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-20.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-20.h5")
     panel.list.setFocus()
     qtbot.keyClick(panel.list, Qt.Key.Key_Return)
     assert panel.asked == [folder / "load-20.h5"]
@@ -171,9 +176,7 @@ def test_enter_and_double_click_play_the_chosen_session(qtbot, panel, folder):
 
 
 def test_two_sessions_are_compared(qtbot, panel, folder):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-20.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-20.h5")
     assert not panel.compare_button.isEnabled()
     choose(qtbot, panel, "load-20.h5", "load-30.h5")
     click(qtbot, panel.compare_button)
@@ -229,18 +232,14 @@ def test_sessions_are_told_apart_by_their_colours(loads_n, count):
 
 
 def test_a_file_that_is_no_session_gives_a_sentence(qtbot, panel, folder):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-30.h5", "notes.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-30.h5", "notes.h5")
     click(qtbot, panel.compare_button)
     qtbot.waitUntil(lambda: "notes.h5" in panel.said.text() and "Reading" not in panel.said.text())
     assert not panel.comparisons
 
 
 def test_another_analysis_is_saved_and_shown_beside_the_recorded_one(qtbot, panel, folder):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-30.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-30.h5")
     click(qtbot, panel.analyse)
     form = panel.analysis_form
     assert form.isVisible()
@@ -280,9 +279,7 @@ def test_another_session_that_is_chosen_meanwhile_begins_no_second_analysis(qtbo
 
 
 def test_a_setting_that_no_analysis_may_change_is_refused_by_name(qtbot, panel, folder):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-30.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-30.h5")
     click(qtbot, panel.analyse)
     qtbot.keyClicks(panel.analysis_form.others, "run.travel=99")
     qtbot.keyClick(panel.analysis_form.others, Qt.Key.Key_Return)
@@ -318,9 +315,7 @@ def test_other_settings_of_an_analysis_may_have_spaces(qtbot, typed, settings):
 
 
 def test_the_form_of_an_export_stays_with_the_session_that_is_chosen(qtbot, panel, folder):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-30.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-30.h5")
     click(qtbot, panel.export)
     form = panel.export_form
     click(qtbot, form.begin_button)
@@ -332,9 +327,7 @@ def test_the_form_of_an_export_stays_with_the_session_that_is_chosen(qtbot, pane
 
 @pytest.mark.parametrize("what", ["summary", "tables"])
 def test_an_export_says_where_it_went(qtbot, panel, folder, what):
-    panel.list_folder(folder)
-    listed(qtbot, panel, 3)
-    choose(qtbot, panel, "load-30.h5")
+    listed_and_chosen(qtbot, panel, folder, "load-30.h5")
     click(qtbot, panel.export)
     form = panel.export_form
     kinds = [one.what for one in EXPORTS]

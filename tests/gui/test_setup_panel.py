@@ -198,9 +198,8 @@ def test_save_and_load_by_the_dialogs(
     model: WindowModel,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
+    said: list[str],
 ) -> None:
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
 
     def choose() -> None:
         dialog = panel.findChildren(QFileDialog)[-1]
@@ -255,7 +254,7 @@ def test_a_settings_file_is_not_replaced_without_a_question(
 
 
 def test_what_differs_from_a_recorded_run_is_marked_and_can_be_taken(
-    qtbot: QtBot, panel: SetupPanel, model: WindowModel
+    qtbot: QtBot, panel: SetupPanel, model: WindowModel, said: list[str]
 ) -> None:
     panel.compare(Path("old.h5"))
     qtbot.waitUntil(lambda: "1 not as in old.h5" in panel.compared.text())
@@ -264,8 +263,6 @@ def test_what_differs_from_a_recorded_run_is_marked_and_can_be_taken(
     assert "old.h5: 0.2 N" in row.reset.toolTip()
     click(qtbot, row.reset)
     assert model.config.run.normal_force == 0.2
-    said: list[str] = []
-    model.said.connect(lambda text, _: said.append(text))
     panel.compare(Path("new.h5"))
     qtbot.waitUntil(lambda: bool(said))
     assert said == ["The settings were not compared: new.h5: not a session"]

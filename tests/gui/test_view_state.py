@@ -13,9 +13,9 @@ from window_hands import look
 from app.gui import run_charts, run_curves
 from app.gui.cells import Tone, count_cells, disk_cell, grouped, number, queue_cell
 from app.gui.charts import Chart
-from app.gui.frame_results import shown_image
+from app.gui.frame_results import FrameResults, shown_image
 from app.gui.run_charts import RunCharts
-from app.gui.run_curves import NO_CURVES, extended, force_strips
+from app.gui.run_curves import NO_CURVES, Curves, extended, force_strips
 from app.gui.source import setup_of
 from app.gui.view_state import read, resolve
 from app.records.record_types import Counts, End, Outcome, Phase, Snapshot, Stick
@@ -31,6 +31,20 @@ def script() -> ScriptedRun:
 def run(script: ScriptedRun) -> ScriptedRun:
     script.started, script.stopped, script.reason = True, False, ""
     return script.at(0)
+
+
+def results(run: ScriptedRun, frame: int) -> FrameResults:
+    """What is drawn of the frame that a run is at."""
+    found = look(run.at(frame)).frame
+    assert found is not None
+    return found
+
+
+def charts_of(run: ScriptedRun, **curves: np.ndarray) -> RunCharts:
+    """Charts of nothing but these curves."""
+    none, setup = np.empty(0), setup_of(run)
+    forces = force_strips((none, none, none), math.nan, setup)
+    return RunCharts(setup, replace(NO_CURVES, **curves), None, forces, None, Chart("", "", ""))
 
 
 def test_deciding_what_is_shown_loads_no_qt() -> None:
@@ -96,11 +110,8 @@ def test_overlay_is_u_x_without_the_motion_of_the_lens(run: ScriptedRun) -> None
 
 
 def test_the_traction_stands_beside_cattaneo_and_mindlins(run: ScriptedRun) -> None:
-    early, view = look(run.at(REFERENCE + 2)).frame, look(run.at(200))
-    frame = view.frame
-    assert frame is not None
-    assert early is not None
-    assert early.traction_kpa is None
+    assert results(run, REFERENCE + 2).traction_kpa is None
+    view, frame = look(run.at(200)), results(run, 200)
     profile = frame.traction_kpa
     assert profile is not None
     # the scripted traction exceeds the model by so much
@@ -124,14 +135,11 @@ def test_both_radii_called_c_are_drawn_over_q(run: ScriptedRun) -> None:
 
 
 def test_the_traction_of_every_point_is_a_field_of_its_own(run: ScriptedRun) -> None:
-    frame = look(run.at(200)).frame
-    assert frame is not None
+    frame = results(run, 200)
     traction = frame.field("sigma_kPa")
     np.testing.assert_allclose(traction.values, 12, rtol=1e-6)
     assert traction.label == "σₓz (kPa)"
-    early = look(run.at(REFERENCE + 2)).frame
-    assert early is not None
-    assert "sigma_kPa" not in early.keys
+    assert "sigma_kPa" not in results(run, REFERENCE + 2).keys
 
 
 def test_circles_have_the_contacts_size_in_pixels(run: ScriptedRun) -> None:
@@ -157,8 +165,7 @@ def test_a_stick_radius_that_is_lost_in_its_uncertainty_is_a_bound_and_no_circle
 
 
 def test_the_uncertainty_of_u_x_is_in_the_unit_of_its_label(run: ScriptedRun) -> None:
-    frame = look(run.at(200)).frame
-    assert frame is not None
+    frame = results(run, 200)
     field = frame.field("ux_sd_um")
     assert field.label == "noise of uₓ (µm)"
     np.testing.assert_allclose(field.values, 0.03 * 7.04, rtol=1e-6)
@@ -192,8 +199,7 @@ def test_saturated_pixels_are_found_also_between_those_that_are_shown() -> None:
 
 
 def test_slip_is_shown_inside_the_contact_only(run: ScriptedRun) -> None:
-    frame = look(run.at(200)).frame
-    assert frame is not None
+    frame = results(run, 200)
     slip, along = frame.field("slip_um").values, frame.field("ux_um").values
     x, y = np.meshgrid(run.grid_x_px, run.grid_y_px)
     inside = np.hypot(x - run.centre_px[0], y - run.centre_px[1]) <= run.radius_m / 7.04e-6
@@ -203,8 +209,7 @@ def test_slip_is_shown_inside_the_contact_only(run: ScriptedRun) -> None:
 
 
 def test_the_median_can_be_taken_off(run: ScriptedRun) -> None:
-    frame = look(run.at(200)).frame
-    assert frame is not None
+    frame = results(run, 200)
     whole = frame.field("ux_um")
     rest = whole.about_median()
     assert not whole.is_diverging
@@ -305,15 +310,9 @@ def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRu
     loads, ratio = np.array([1.0, 0.5, 0.25, 0.125]), np.array([0.4, 0.1, 0.6, 0.2])
     c_mm = np.array([0.4, 0.3, 0.2, 0.1])
     Q = ratio * loads
-    curves = replace(
-        NO_CURVES,
-        sticking=np.column_stack([Q, c_mm, 0.1 * c_mm, loads]),
-        peaks=np.column_stack([Q, c_mm, loads]),
-    )
-    none = np.empty(0)
-    setup = setup_of(run)
-    forces = force_strips((none, none, none), math.nan, setup)
-    lines = RunCharts(setup, curves, None, forces, None, Chart("", "", ""))["sticking"].lines
+    sticking = np.column_stack([Q, c_mm, 0.1 * c_mm, loads])
+    peaks = np.column_stack([Q, c_mm, loads])
+    lines = charts_of(run, sticking=sticking, peaks=peaks)["sticking"].lines
     hertz_mm = 1e3 * HERTZ_M * np.cbrt(loads / P)
     for name in ("fitted profile", "largest σ"):
         (line,) = (one for one in lines if one.name == name)
@@ -325,11 +324,7 @@ def test_c_is_over_the_hertz_radius_of_the_load_of_its_own_frame(run: ScriptedRu
 
 def test_u_x_in_time_is_named_by_its_radius(run: ScriptedRun) -> None:
     sliding = np.column_stack([np.arange(3.0), *(np.full(3, share) for share in RADII)])
-    none, setup = np.empty(0), setup_of(run)
-    forces = force_strips((none, none, none), math.nan, setup)
-    chart = RunCharts(
-        setup, replace(NO_CURVES, sliding=sliding), None, forces, None, Chart("", "", "")
-    )["sliding"]
+    chart = charts_of(run, sliding=sliding)["sliding"]
     drawn = {line.name: float(line.y[0]) for line in chart.lines}
     assert drawn == {"r = 0": 0.0, "a/2": 0.5, "3a/4": 0.75, "a": 1.0}
 
@@ -479,14 +474,15 @@ def test_how_a_run_ended_is_told_with_proper_symbols(run: ScriptedRun) -> None:
 def test_curves_of_a_long_run_stay_short_and_show_all_of_it(
     run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    whole = NO_CURVES
-    setup, frames = setup_of(run), run.frames
-    for at in range(1, frames + 1):
-        whole = extended(whole, tuple(run.at(at).snapshots_since(whole.seen)), setup)
+    def looked_at() -> Curves:
+        curves = NO_CURVES
+        for at in range(1, run.frames + 1):
+            curves = extended(curves, tuple(run.at(at).snapshots_since(curves.seen)), setup_of(run))
+        return curves
+
+    whole = looked_at()
     monkeypatch.setattr(run_curves, "MOST_POINTS", 40)
-    short = NO_CURVES
-    for at in range(1, frames + 1):
-        short = extended(short, tuple(run.at(at).snapshots_since(short.seen)), setup)
+    short = looked_at()
     assert (short.seen, whole.every) == (whole.seen, 1)
     assert short.every >= 4
     assert len(whole.loading) > 40 >= len(short.loading) > 15
