@@ -10,7 +10,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QScrollBar, QWidget
 from pytestqt.qtbot import QtBot
-from window_hands import click
+from window_hands import click, shown
 
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
@@ -68,14 +68,10 @@ def workshop_of_benches() -> Iterator[Bench]:
 @pytest.fixture(name="panel")
 def bench_panel(qtbot: QtBot, workshop: Bench) -> Iterator[BenchPanel]:
     model = WindowModel(workshop, load(None, SMALL))
-    shown = BenchPanel(model)
-    shown.resize(340, 900)
-    qtbot.addWidget(shown)
-    with qtbot.waitExposed(shown):
-        shown.show()
-    yield shown
-    shown.disconnect_bench()
-    qtbot.waitUntil(lambda: shown.link.phase is LinkState.OFF)
+    panel = shown(qtbot, BenchPanel(model), 340, 900)
+    yield panel
+    panel.disconnect_bench()
+    qtbot.waitUntil(lambda: panel.link.phase is LinkState.OFF)
 
 
 @pytest.fixture(name="noted")

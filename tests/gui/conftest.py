@@ -1,7 +1,7 @@
 import gc
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 os.environ["QT_QPA_PLATFORM"] = "offscreen"  # before Qt loads
@@ -97,10 +97,12 @@ def open_window(qtbot: QtBot) -> Iterator[Open]:
     """Opens windows, which are closed whatever runs in them."""
     opens: list[MainWindow] = []
 
-    def make(*args: object, **kwargs: object) -> MainWindow:
+    def make(
+        *args: object, show: Callable[[MainWindow], object] = MainWindow.show, **kwargs: object
+    ) -> MainWindow:
         window = MainWindow(*args, **kwargs)  # type: ignore[arg-type]
         with qtbot.waitActive(window):
-            window.show()
+            show(window)
         opens.append(window)
         return window
 

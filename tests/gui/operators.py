@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from PySide6.QtCore import QPoint, QPointF, QSize, Qt
+from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
@@ -172,6 +172,11 @@ class Keyboard:
 def large(window: MainWindow) -> None:
     """Show a window on a screen with room for all its docks."""
     window.showNormal()
-    window.resize(QSize(1720, 1000))
+    arrange(window, 1720, 1000)
+
+
+def arrange(window: MainWindow, width: int, height: int) -> None:
+    """Give a window its first places and a size, which those of a larger one may not allow."""
+    window.resize(width, height)
     window.reset_layout()
-    window.resize(QSize(1720, 1000))
+    window.resize(width, height)

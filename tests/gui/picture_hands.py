@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import pytest
-from PySide6.QtWidgets import QWidget
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import shown
 
 from app.gui.image_view import InterfaceView
 from app.gui.source import setup_of
@@ -24,17 +24,9 @@ def run_of_script(script: ScriptedRun) -> ScriptedRun:
     return script.at(0)
 
 
-def shown(qtbot: QtBot, widget: QWidget, width: int, height: int) -> None:
-    widget.resize(width, height)
-    qtbot.addWidget(widget)
-    with qtbot.waitExposed(widget):
-        widget.show()
-
-
 @pytest.fixture(name="picture")
 def picture_of_run(qtbot: QtBot, run: ScriptedRun) -> InterfaceView:
-    view = InterfaceView()
-    shown(qtbot, view, 800, 760)
+    view = shown(qtbot, InterfaceView(), 800, 760)
     view.show_setup(setup_of(run))
     return view
 

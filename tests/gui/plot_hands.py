@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
+from window_hands import shown
 
 from app.gui.charts import Chart, Line
 from app.gui.plot_panel import PlotPanel
@@ -18,11 +19,7 @@ def chart(top: float = 1.0, points: int = 50, **more: object) -> Chart:
 
 @pytest.fixture(name="panel")
 def plot_panel(qtbot: QtBot) -> PlotPanel:
-    made = PlotPanel(CurvePlot(), title="Loading curve")
-    made.resize(420, 320)
-    qtbot.addWidget(made)
-    with qtbot.waitExposed(made):
-        made.show()
+    made = shown(qtbot, PlotPanel(CurvePlot(), title="Loading curve"), 420, 320)
     made.show_chart(chart())
     settle(made)
     return made

@@ -4,8 +4,9 @@ from pathlib import Path
 
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QLineEdit, QToolButton, QWidget
+from PySide6.QtWidgets import QToolButton, QWidget
 from pytestqt.qtbot import QtBot
+from window_hands import shown
 
 from app.gui.settings_list import SettingsTable
 from app.gui.setup_panel import SetupPanel
@@ -26,16 +27,12 @@ class Shop:
 
 def shown_panel(qtbot: QtBot, model: WindowModel) -> SetupPanel:
     """The form of a model, on the screen."""
-    made = SetupPanel(model)
-    qtbot.addWidget(made)
-    made.resize(340, 900)
-    with qtbot.waitExposed(made):
-        made.show()
+    made = shown(qtbot, SetupPanel(model), 340, 900)
     made.activateWindow()
     return made
 
 
-def write(qtbot: QtBot, editor: QLineEdit, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
+def write(qtbot: QtBot, editor: QWidget, text: str, end: Qt.Key | None = Qt.Key.Key_Tab) -> None:
     editor.setFocus()
     qtbot.keyClick(editor, Qt.Key.Key_A, Qt.KeyboardModifier.ControlModifier)
     qtbot.keyClick(editor, Qt.Key.Key_Delete)

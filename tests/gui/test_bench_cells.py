@@ -238,6 +238,20 @@ class Preview:
         self.open_now.remove(self)
 
 
+def connected(kind: type[Preview]) -> BenchLink:
+    """A link to a bench of a kind that is connected."""
+    link = BenchLink(kind)
+    link.connect(CONFIG)
+    reach(link, LinkState.ON)
+    return link
+
+
+def leave(link: BenchLink) -> None:
+    """Disconnect, and wait for that."""
+    link.disconnect()
+    reach(link, LinkState.OFF)
+
+
 def test_the_connection_ends_as_it_was_wanted_last_whatever_came_before() -> None:
     random.seed(5)
     link = BenchLink(Preview)
@@ -273,16 +287,13 @@ def test_one_errand_at_a_time() -> None:
 
 
 def test_an_order_that_fails_is_told() -> None:
-    link = BenchLink(Preview)
-    link.connect(CONFIG)
-    reach(link, LinkState.ON)
+    link = connected(Preview)
     link.hold(1, 1e-5)  # this bench has no jog
     news: list[Any] = []
     until(lambda: bool(news.extend(link.news()) or news))
     assert isinstance(news[0], BenchMessage)
     assert "jog" in news[0].sentence
-    link.disconnect()
-    reach(link, LinkState.OFF)
+    leave(link)
 
 
 def test_no_stop_is_left_out_because_another_is_under_way() -> None:
@@ -295,27 +306,21 @@ def test_no_stop_is_left_out_because_another_is_under_way() -> None:
             release.wait()
             return "stopped"
 
-    link = BenchLink(Slow)
-    link.connect(CONFIG)
-    reach(link, LinkState.ON)
+    link = connected(Slow)
     link.let_go()
     link.let_go()
     until(lambda: len(stops) == 2)
     release.set()
-    link.disconnect()
-    reach(link, LinkState.OFF)
+    leave(link)
 
 
 def test_a_look_that_ends_once_its_bench_is_left_shows_nothing() -> None:
     class Left(Preview):
         def look(self, known: int) -> BenchView:
-            link.disconnect()
-            reach(link, LinkState.OFF)
+            leave(link)
             return super().look(known)
 
-    link = BenchLink(Left)
-    link.connect(CONFIG)
-    reach(link, LinkState.ON)
+    link = connected(Left)
     link.look(Path())
     reach(link, LinkState.OFF)
     until(lambda: not link._look.busy_s)

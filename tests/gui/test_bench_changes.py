@@ -15,6 +15,7 @@ from bench_hands import (  # noqa: F401 (fixtures)
 )
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
+from set_up_hands import write
 from window_hands import click
 
 from app.gui.bench_link import LinkState
@@ -42,9 +43,7 @@ def test_an_exposure_that_needs_another_connection_brings_no_bench_back(
     tell = panel._show_adjusted
     monkeypatch.setattr(panel, "_show_adjusted", lambda news: (tell(news), answered.set()))
     connect(qtbot, panel)
-    panel.exposure.selectAll()
-    qtbot.keyClicks(panel.exposure, "0.5")
-    qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
+    write(qtbot, panel.exposure, "0.5", Qt.Key.Key_Return)
     assert asked.wait(60)
     if way == "run":
         model_of(panel).set_busy(True, is_live=True)

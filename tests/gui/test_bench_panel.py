@@ -31,6 +31,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QWidget
 from pytestqt.qtbot import QtBot
+from set_up_hands import write
 from window_hands import click
 
 from app.gui.bench_link import LinkState
@@ -441,10 +442,7 @@ def test_exposure_and_gain_are_those_of_the_next_run(
 ) -> None:
     connect(qtbot, panel)
     before = workshop.made[0].look().picture.mean
-    panel.exposure.setFocus()
-    panel.exposure.selectAll()
-    qtbot.keyClicks(panel.exposure, "20")
-    qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
+    write(qtbot, panel.exposure, "20", Qt.Key.Key_Return)
     assert model_of(panel).config.camera.exposure == pytest.approx(0.02)
     # the picture has it, and the bench stays connected
     qtbot.waitUntil(lambda: workshop.made[0].look().picture.mean > 1.8 * before)
@@ -452,9 +450,7 @@ def test_exposure_and_gain_are_those_of_the_next_run(
     qtbot.waitUntil(lambda: [one for one in noted if "camera has" in one] == [words_of_log])
     assert len(workshop.made) == 1
     assert "connect again" not in words(panel)
-    panel.exposure.selectAll()
-    qtbot.keyClicks(panel.exposure, "900")
-    qtbot.keyClick(panel.exposure, Qt.Key.Key_Return)
+    write(qtbot, panel.exposure, "900", Qt.Key.Key_Return)
     assert "longer than the trigger period" in words(panel)
     assert panel.exposure.value() == 20.0
     assert model_of(panel).config.camera.exposure == pytest.approx(0.02)

@@ -22,10 +22,11 @@ from bench_hands import (  # noqa: F401 (fixtures)
     workshop_of_benches,
 )
 from processes.launched import wait_until
-from PySide6.QtCore import QLocale, Qt
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel
 from pytestqt.qtbot import QtBot
-from window_hands import click
+from set_up_hands import write
+from window_hands import click, shown
 
 from app.gui.bench_link import LinkState
 from app.gui.bench_panel import BenchPanel
@@ -48,7 +49,7 @@ def test_an_operator_sends_the_stage_to_a_place(
     qtbot.waitUntil(lambda: stage.goal.value() == pytest.approx(12.5, abs=1e-4))
     assert "sent to 12.0000 to 13.0000 mm" in words(panel)
 
-    type_place(qtbot, panel, "12.8")
+    write(qtbot, panel.stage.goal, "12.8", Qt.Key.Key_Return)
     qtbot.wait(200)
     assert place_um(panel) == pytest.approx(12500, abs=0.1)  # Enter moves nothing
     click(qtbot, stage.go)
@@ -59,24 +60,17 @@ def test_an_operator_sends_the_stage_to_a_place(
     assert "moving" in doing
     assert doing[-1] == ""
 
-    type_place(qtbot, panel, "14")
+    write(qtbot, panel.stage.goal, "14", Qt.Key.Key_Return)
     click(qtbot, stage.go)
     qtbot.waitUntil(lambda: "it can be moved from 12.0000 to 13.0000 mm" in words(panel))
     assert "12.8000 mm, at rest" in words(panel)
-
-
-def type_place(qtbot: QtBot, panel: BenchPanel, text: str) -> None:
-    panel.stage.goal.setFocus()
-    panel.stage.goal.selectAll()
-    qtbot.keyClicks(panel.stage.goal, text)
-    qtbot.keyClick(panel.stage.goal, Qt.Key.Key_Return)
 
 
 @pytest.mark.parametrize("way", ["button", "stop", "disconnect"])
 def test_a_move_is_stopped(qtbot: QtBot, panel: BenchPanel, workshop: Bench, way: str) -> None:
     crawl(panel)
     connect(qtbot, panel)
-    type_place(qtbot, panel, "12.9")
+    write(qtbot, panel.stage.goal, "12.9", Qt.Key.Key_Return)
     click(qtbot, panel.stage.go)
     qtbot.waitUntil(lambda: panel.stage.go.text() == "Stop" and place_um(panel) > 12505)
     assert not panel.stage.home.isEnabled()
@@ -100,7 +94,7 @@ def test_a_window_that_stands_still_stops_a_move(
     qtbot: QtBot, panel: BenchPanel, workshop: Bench
 ) -> None:
     connect(qtbot, panel)
-    type_place(qtbot, panel, "12.9")
+    write(qtbot, panel.stage.goal, "12.9", Qt.Key.Key_Return)
     click(qtbot, panel.stage.go)
     qtbot.waitUntil(lambda: panel.link.task is not None)
     preview = workshop.made[0]
@@ -206,22 +200,14 @@ def test_the_picture_is_live_while_the_panel_is_hidden_and_says_when_it_is_not(
 
 @pytest.mark.parametrize("typed", ["12,56", "12.56"])
 def test_a_place_is_typed_with_a_comma_or_a_point_and_shown_as_the_language_has_it(
-    qtbot: QtBot, workshop: Bench, typed: str
+    german: None, qtbot: QtBot, workshop: Bench, typed: str
 ) -> None:
-    before = QLocale()
-    QLocale.setDefault(QLocale(QLocale.Language.German))
-    try:
-        panel = BenchPanel(WindowModel(workshop, load(None, SMALL)))
-        qtbot.addWidget(panel)
-        with qtbot.waitExposed(panel):
-            panel.show()
-        panel.stage.goal.setEnabled(True)
-        type_place(qtbot, panel, typed)
-        assert panel.stage.goal.value() == 12.56
-        assert panel.stage.goal.text() == "12,5600 mm"
-        assert panel.exposure.text() == "10,00 ms"
-    finally:
-        QLocale.setDefault(before)
+    panel = shown(qtbot, BenchPanel(WindowModel(workshop, load(None, SMALL))))
+    panel.stage.goal.setEnabled(True)
+    write(qtbot, panel.stage.goal, typed, Qt.Key.Key_Return)
+    assert panel.stage.goal.value() == 12.56
+    assert panel.stage.goal.text() == "12,5600 mm"
+    assert panel.exposure.text() == "10,00 ms"
 
 
 def test_disconnecting_scrolls_the_panel_nowhere(qtbot: QtBot, panel: BenchPanel) -> None:

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from set_up_hands import write
 from short_run import RIGID
-from window_hands import click
+from window_hands import click, shown
 
 from analysis.options import Section
 from app.calibrations.certifying import Evaluated, evaluated
@@ -71,10 +71,7 @@ def window(qtbot: QtBot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Mai
     kinds = {"speed": TwoSpeeds(), "still": Still()}
     monkeypatch.setattr(calibration_panel, "KINDS", kinds)
     model = WindowModel(RunFactory(lambda _: None, pace=None), load(None, SMALL))
-    made = MainWindow(model=model)
-    qtbot.addWidget(made)
-    with qtbot.waitExposed(made):
-        made.show()
+    made = shown(qtbot, MainWindow(model=model))
     made.go_to("calibration")
     return made
 
@@ -87,6 +84,13 @@ def panel_of(window: MainWindow) -> CalibrationPanel:
 def choose(panel: CalibrationPanel, name: str) -> None:
     item = panel.list.findItems(name, Qt.MatchFlag.MatchExactly)[0]
     panel.list.setCurrentItem(item)
+
+
+def chosen(window: MainWindow, name: str) -> CalibrationPanel:
+    """The panel once a calibration is chosen."""
+    panel = panel_of(window)
+    choose(panel, name)
+    return panel
 
 
 def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
@@ -140,8 +144,7 @@ def test_two_runs_make_a_certificate_and_use_gives_it_to_the_bench(
 def test_stop_ends_a_calibration_and_nothing_is_evaluated(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    panel = panel_of(window)
-    choose(panel, "speed")
+    panel = chosen(window, "speed")
     panel.measure()
     qtbot.waitUntil(lambda: bool(panel._measured))
     window.stop_motion()
@@ -154,8 +157,7 @@ def test_stop_ends_a_calibration_and_nothing_is_evaluated(
 def test_stop_between_two_runs_calls_off_the_second(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    panel = panel_of(window)
-    choose(panel, "speed")
+    panel = chosen(window, "speed")
     window.model.ended.connect(lambda _: window.model.stop_pressed.emit())
     panel.measure()
     qtbot.waitUntil(lambda: bool(panel._measured))
@@ -166,8 +168,7 @@ def test_stop_between_two_runs_calls_off_the_second(
 
 
 def test_nothing_is_measured_while_a_run_goes_on(qtbot: QtBot, window: MainWindow) -> None:
-    panel = panel_of(window)
-    choose(panel, "speed")
+    panel = chosen(window, "speed")
     assert panel.measure_button.isEnabled()
     window.model.set_busy(True, is_live=True)
     assert not panel.measure_button.isEnabled()
@@ -224,8 +225,7 @@ def test_stop_while_the_runs_are_planned_calls_them_off(
 def test_what_was_evaluated_is_shown_beside_its_own_name(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    panel = panel_of(window)
-    choose(panel, "speed")
+    panel = chosen(window, "speed")
     panel.take_files([_table(tmp_path)])
     choose(panel, "still")
     qtbot.waitUntil(lambda: panel.found is not None)
@@ -237,8 +237,7 @@ def test_what_was_evaluated_is_shown_beside_its_own_name(
 def test_data_that_cannot_be_trusted_are_told_in_the_window(
     qtbot: QtBot, window: MainWindow, tmp_path: Path
 ) -> None:
-    panel = panel_of(window)
-    choose(panel, "still")
+    panel = chosen(window, "still")
     panel.take_files([])
     words = "the stage was to move, it stood still; let it move"
     qtbot.waitUntil(lambda: words in window.notice.text.text())
@@ -264,8 +263,7 @@ def test_several_files_are_evaluated_together(
 def test_one_file_is_asked_for_where_one_is_evaluated_and_for_the_chosen_one_only(
     qtbot: QtBot, window: MainWindow
 ) -> None:
-    panel = panel_of(window)
-    choose(panel, "still")
+    panel = chosen(window, "still")
     click(qtbot, panel.files_button)
     (dialog,) = panel.findChildren(QFileDialog)
     assert dialog.fileMode() == QFileDialog.FileMode.ExistingFile
@@ -274,8 +272,7 @@ def test_one_file_is_asked_for_where_one_is_evaluated_and_for_the_chosen_one_onl
 
 
 def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainWindow) -> None:
-    panel = panel_of(window)
-    choose(panel, "speed")
+    panel = chosen(window, "speed")
     panel.take_files([Path("gone.h5")])
     qtbot.waitUntil(lambda: "Calibration: gone.h5" in window.notice.text.text())
 

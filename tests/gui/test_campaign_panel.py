@@ -12,7 +12,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from short_run import SMALL
-from window_hands import click
+from window_hands import click, shown
 
 from app.campaigns.page import PAGE
 from app.campaigns.plan import Campaign
@@ -62,12 +62,7 @@ def model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> WindowModel:
 
 @pytest.fixture
 def panel(qtbot: QtBot, model: WindowModel) -> CampaignPanel:
-    made = CampaignPanel(model)
-    qtbot.addWidget(made)
-    made.resize(340, 500)
-    with qtbot.waitActive(made):
-        made.show()
-    return made
+    return shown(qtbot, CampaignPanel(model), 340, 500)
 
 
 def opened(qtbot: QtBot, panel: CampaignPanel) -> CampaignPanel:

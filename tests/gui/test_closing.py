@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, click, make_run, model_of
+from window_hands import Open, begin, click, finish, make_run, model_of
 
 from app.gui.window import MainWindow
 
@@ -120,8 +120,7 @@ def test_whether_to_close_is_not_asked_any_more_once_the_run_has_ended(
     window.close()
     assert window.notice.is_question
     del run.outcome
-    run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, run)
     qtbot.waitUntil(lambda: not window.notice.is_question)
     assert window.notice.isVisible() == is_stopped
     assert window.notice.stays == is_stopped

@@ -12,6 +12,7 @@ from picture_hands import (  # noqa: F401 (fixtures)
 from PySide6.QtCore import QPoint, Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
+from set_up_hands import write
 from window_hands import look
 
 from app.gui.frame_results import KINDS, FieldImage
@@ -97,9 +98,7 @@ def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     assert not picture.locked.isChecked()
     assert picture.canvas.colour_scale[1] == ends
     for field, text in ((low, "1,5"), (high, "7")):
-        field.selectAll()
-        qtbot.keyClicks(field, text)
-        qtbot.keyClick(field, Qt.Key.Key_Return)
+        write(qtbot, field, text, Qt.Key.Key_Return)
     assert picture.canvas.colour_scale[1] == (1.5, 7.0)
     assert picture.locked.isChecked()
     picture.show_view(look(run.at(330), view))
@@ -108,9 +107,7 @@ def test_a_range_that_is_typed_stays_and_a_field_that_is_left_changes_nothing(
     qtbot.keyClick(low, Qt.Key.Key_Tab)
     assert high.hasFocus()
     for text in ("x", "9", "inf"):  # no number, not below the upper end, no end
-        low.selectAll()
-        qtbot.keyClicks(low, text)
-        qtbot.keyClick(low, Qt.Key.Key_Return)
+        write(qtbot, low, text, Qt.Key.Key_Return)
         assert picture.canvas.colour_scale[1] == (1.5, 7.0)
     qtbot.mouseClick(picture.locked, Qt.MouseButton.LeftButton, pos=QPoint(8, 8))
     high.setFocus()

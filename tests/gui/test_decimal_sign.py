@@ -18,7 +18,7 @@ from PySide6.QtWidgets import (
     QTreeWidget,
 )
 from pytestqt.qtbot import QtBot
-from window_hands import Open, begin, make_run, model_of
+from window_hands import Open, begin, finish, make_run, model_of
 
 from app.gui.cells import Cell, Tone, localized, number, set_decimal_sign, typeset
 from app.gui.charts import Chart, Line
@@ -55,8 +55,7 @@ def test_no_number_of_the_window_has_a_point_where_the_language_has_a_comma(
     window.docks.show("experiment")
     window.docks.show("curves")
     begin(qtbot, window, run, 40)
-    run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, run)
     noise = np.zeros((1, 2))
     window.readouts.show_bench(ForcesView((0.5, 0.125), (0.1, 0.0), (0.1, 0.1), noise[0], noise, 1))
     assert window.readouts.views[1].value.text() == "0,125"

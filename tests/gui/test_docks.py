@@ -2,37 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from types import SimpleNamespace
 
 import pytest
-from operators import Mouse, large, words
+from operators import Mouse, arrange, large, words
 from PySide6.QtCore import QByteArray, Qt
 from PySide6.QtWidgets import QTabBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from set_up_hands import heads_of_steps
-from window_hands import Open, begin, model_of
-from workshops import Makes
+from window_hands import Open, begin, make_run, model_of
 
 from app.gui.cells import Tone
 from app.gui.keys import KeyList
 from app.gui.window import MainWindow
-from app.gui.window_model import WindowModel
 from app.records.record_types import Phase
-from app.settings.sections import Config
 
 SMALLEST = (960, 540)  # a screen of 1920 x 1080 at 200 %
 
 
 @pytest.fixture
-def window(qtbot: QtBot) -> Iterator[MainWindow]:
-    made = MainWindow(model=WindowModel(Makes(lambda: ScriptedRun(320, 240, frames=60)), Config()))
-    made.showNormal()
-    yield made
-    made._must_close = True
-    made.close()
-    made.deleteLater()
+def window(open_window: Open) -> MainWindow:
+    return open_window(model=model_of(make_run), show=MainWindow.showNormal)
 
 
 def test_stop_is_in_view_in_a_window_of_any_usual_size(qtbot: QtBot, window: MainWindow) -> None:
@@ -43,9 +34,7 @@ def test_stop_is_in_view_in_a_window_of_any_usual_size(qtbot: QtBot, window: Mai
         return all(window.rect().contains(button.mapTo(window, corner)) for corner in corners)
 
     for size in (SMALLEST, (1180, 660), (1366, 768), (1920, 1080)):
-        window.resize(*size)
-        window.reset_layout()
-        window.resize(*size)  # which the places of a large window may not have allowed
+        arrange(window, *size)
         qtbot.waitUntil(
             lambda at=size: (window.width(), window.height()) == at and is_all_in_view()
         )
@@ -100,9 +89,7 @@ def test_the_layout_is_remembered(qtbot: QtBot, window: MainWindow) -> None:
 
 
 def test_a_window_that_was_small_has_its_layout_again(qtbot: QtBot, window: MainWindow) -> None:
-    window.resize(1900, 1000)
-    window.reset_layout()
-    window.resize(1900, 1000)
+    arrange(window, 1900, 1000)
     docks = window.docks.by_name
 
     def lengths() -> list[int]:
@@ -169,9 +156,7 @@ def test_the_phase_under_way_is_not_cut_short_in_a_narrow_window(
     phases = window.top.phases
     window.top.show_state("running", Tone.BUSY, Phase.REFERENCE)
     for size, count in ((SMALLEST, 1), ((1366, 768), len(Phase))):
-        window.resize(*size)
-        window.reset_layout()
-        window.resize(*size)
+        arrange(window, *size)
         qtbot.waitUntil(lambda n=count: sum(one in phases.text() for one in Phase) == n)
         assert Phase.REFERENCE in phases.text()
         qtbot.waitUntil(lambda: phases.width() >= phases.sizeHint().width())

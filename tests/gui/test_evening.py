@@ -13,6 +13,7 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
 from short_run import RIGID
+from window_hands import Open
 
 from app.gui.bench_link import LinkState
 from app.gui.keys import ACTS, GO_TO, KeyList
@@ -45,20 +46,15 @@ def made() -> Iterator[list]:
 
 @pytest.fixture
 def window(
-    qtbot: QtBot, made: list, tmp_path: Path, short_path: Path, monkeypatch: pytest.MonkeyPatch
+    open_window: Open, made: list, tmp_path: Path, short_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
     # STOP here stops no bench of another test
     monkeypatch.setattr("app.processes.folder.MEMORY", short_path)
     factory = RunFactory(made.append, pace=None)
-    shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS)))
-    with qtbot.waitActive(shown):
-        large(shown)
+    shown = open_window(model=WindowModel(factory, load(None, SETTINGS)), show=large)
     yield shown
-    shown._must_close = True
-    shown.close()
     factory._let_go()
-    shown.deleteLater()
 
 
 # ------------------------------------------------------------------ what an operator sees

@@ -12,7 +12,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import BACKGROUND, REFERENCE, P, ScriptedRun
-from window_hands import click, look
+from window_hands import click, look, shown
 
 from app.gui.cells import Tone
 from app.gui.experiment_panel import ExperimentPanel
@@ -136,12 +136,7 @@ def model() -> WindowModel:
 
 @pytest.fixture
 def panel(qtbot: QtBot, model: WindowModel) -> ExperimentPanel:
-    made = ExperimentPanel(model)
-    qtbot.addWidget(made)
-    made.resize(360, 640)
-    with qtbot.waitActive(made):
-        made.show()
-    return made
+    return shown(qtbot, ExperimentPanel(model), 360, 640)
 
 
 def standings(panel: ExperimentPanel) -> str:

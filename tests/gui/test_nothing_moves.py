@@ -9,7 +9,7 @@ from bench_hands import LEFT, Bench, bench_panel, raises, words, workshop_of_ben
 from PySide6.QtCore import QPoint
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
-from window_hands import click
+from window_hands import click, shown
 from workshops import Makes
 
 from app.gui.bench_panel import BenchPanel
@@ -65,11 +65,7 @@ def test_no_button_of_the_bench_moves_while_devices_connect_or_fail(
 
 def test_what_is_pressed_during_a_run_stays_where_it_is(qtbot: QtBot) -> None:
     config = load(None, (ASKS,))
-    panel = ExperimentPanel(WindowModel(Makes(lambda: None), config))
-    qtbot.addWidget(panel)
-    panel.resize(320, 600)
-    with qtbot.waitExposed(panel):
-        panel.show()
+    panel = shown(qtbot, ExperimentPanel(WindowModel(Makes(lambda: None), config)), 320, 600)
     health: Any = Health("running", "", "contact", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5)
     seen = []
     for number, question, reason in ((1, "", ""), (2, "Is it dry?", "Is it dry?"), (3, "", "why")):

@@ -5,7 +5,7 @@ from PySide6.QtCore import QPoint, QPointF, Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QAbstractSpinBox
 from pytestqt.qtbot import QtBot
-from window_hands import make_run
+from window_hands import make_run, shown
 from workshops import Makes
 
 from app.gui.bench_panel import BenchPanel
@@ -27,10 +27,7 @@ def model() -> WindowModel:
 def test_an_exposure_that_is_only_passed_by_keeps_all_its_digits(
     qtbot: QtBot, model: WindowModel
 ) -> None:
-    panel = BenchPanel(model)
-    qtbot.addWidget(panel)
-    with qtbot.waitActive(panel):
-        panel.show()
+    panel = shown(qtbot, BenchPanel(model))
     for box in (panel.exposure, panel.gain, panel.exposure):
         box.setFocus(Qt.FocusReason.TabFocusReason)
     assert model.config.camera.exposure == FINE_S
@@ -54,9 +51,7 @@ def test_the_wheel_changes_no_number(qtbot: QtBot, model: WindowModel, kind: str
             panel = NewCampaign()
         case _:
             panel = AnalysisForm()
-    qtbot.addWidget(panel)
-    with qtbot.waitActive(panel):
-        panel.show()
+    shown(qtbot, panel)
     boxes = [one for one in panel.findChildren(QAbstractSpinBox) if one.isVisible()]
     assert boxes
     for box in boxes:

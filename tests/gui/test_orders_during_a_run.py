@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication, QInputDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from short_run import RIGID
-from window_hands import Open, begin, make_run, model_of
+from window_hands import Open, begin, finish, make_run, model_of
 
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_factory import RunFactory
@@ -40,23 +40,20 @@ RUNS = Health("running", "", "drive", Counts(), 0.0, 4.0, 1 << 40, 0, 0.5, step=
 
 @pytest.fixture
 def window(
-    qtbot: QtBot, tmp_path: Path, short_path: Path, monkeypatch: pytest.MonkeyPatch
+    open_window: Open, tmp_path: Path, short_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     monkeypatch.chdir(tmp_path)
     # STOP here stops no bench of another test
     monkeypatch.setattr("app.processes.folder.MEMORY", short_path)
     kept: list = []
     factory = RunFactory(kept.append, pace=1.0)
-    shown = MainWindow(model=WindowModel(factory, load(None, SETTINGS), tmp_path / "noted.h5"))
-    with qtbot.waitActive(shown):
-        large(shown)
+    shown = open_window(
+        model=WindowModel(factory, load(None, SETTINGS), tmp_path / "noted.h5"), show=large
+    )
     yield shown
     for one in kept:
         one.source.request_stop("the test is over")
         assert one.source.wait(60) is not None
-    shown._must_close = True
-    shown.close()
-    shown.deleteLater()
 
 
 def panel_of(window: MainWindow) -> ExperimentPanel:
@@ -212,8 +209,7 @@ def test_a_window_that_only_shows_a_run_pauses_it_and_takes_notes(
         dialog.accept()
         window.activateWindow()
         qtbot.waitUntil(window.isActiveWindow)
-    run.at(run.frames)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, run)
     for key, why in ((Qt.Key.Key_F9, "No run is under way"), (Qt.Key.Key_F4, "none is under way")):
         keyboard.key(key)
         assert why in window.notice.text.text()

@@ -51,37 +51,41 @@ def shop() -> Slow:
     return Slow()
 
 
+@pytest.fixture
+def shop_window(open_window: Open, shop: Slow) -> MainWindow:
+    """A window whose runs and replays come from there."""
+    return open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
+
+
 def test_a_session_does_not_take_the_place_of_a_run_that_is_being_made(
-    qtbot: QtBot, open_window: Open, shop: Slow
+    qtbot: QtBot, shop_window: MainWindow, shop: Slow
 ) -> None:
-    window = open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
-    window.begin()
-    assert not window.actions_by_name["open_session"].isEnabled()
+    shop_window.begin()
+    assert not shop_window.actions_by_name["open_session"].isEnabled()
     shop.let("old")
-    window.open_session(Path("old.h5"))
-    assert "A run is going on" in window.notice.text.text()
+    shop_window.open_session(Path("old.h5"))
+    assert "A run is going on" in shop_window.notice.text.text()
     shop.let("run")
     qtbot.waitUntil(lambda: "run" in shop.made and shop.made["run"].started)
     qtbot.wait(100)
-    assert window.source is shop.made["run"]
+    assert shop_window.source is shop.made["run"]
     assert "old" not in shop.made
 
 
 @pytest.mark.parametrize("first", ["a", "b"])
 def test_of_two_sessions_the_one_that_was_asked_for_last_is_played(
-    qtbot: QtBot, open_window: Open, shop: Slow, first: str
+    qtbot: QtBot, shop_window: MainWindow, shop: Slow, first: str
 ) -> None:
-    window = open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
     for name in ("a", "b"):
-        window.open_session(Path(f"{name}.h5"))
+        shop_window.open_session(Path(f"{name}.h5"))
     for name in (first, "a", "b"):
         shop.let(name)
         qtbot.waitUntil(lambda name=name: name in shop.made)
         qtbot.wait(50)
-    qtbot.waitUntil(lambda: window.source is shop.made["b"])
+    qtbot.waitUntil(lambda: shop_window.source is shop.made["b"])
     assert shop.made["b"].started
     assert not shop.made["a"].started
-    assert window._pending is None
+    assert shop_window._pending is None
 
 
 @pytest.mark.parametrize("by", ["stop_motion", "end_run"])
@@ -211,57 +215,54 @@ ALARM = "STOP MOTION FAILED, cut the actuator's power: stage X"
 
 
 def test_an_alarm_that_comes_while_a_run_is_made_stays(
-    qtbot: QtBot, open_window: Open, shop: Slow
+    qtbot: QtBot, shop_window: MainWindow, shop: Slow
 ) -> None:
-    window = open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
-    window._say("of the last run", True)
-    window.begin()
-    assert not window.notice.is_alarm  # who begins a run has seen it
-    window._say(ALARM, True)
+    shop_window._say("of the last run", True)
+    shop_window.begin()
+    assert not shop_window.notice.is_alarm  # who begins a run has seen it
+    shop_window._say(ALARM, True)
     shop.let("run")
     qtbot.waitUntil(lambda: "run" in shop.made and shop.made["run"].started)
     qtbot.wait(50)
-    assert window.notice.text.text() == ALARM
+    assert shop_window.notice.text.text() == ALARM
 
 
 def test_no_run_begins_by_itself_while_an_alarm_is_shown(
-    qtbot: QtBot, open_window: Open, shop: Slow
+    qtbot: QtBot, shop_window: MainWindow, shop: Slow
 ) -> None:
-    window = open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
-    window._say(ALARM, True)
-    assert window.model is not None
-    window.model.begin_asked.emit()
-    assert not window.is_live()
-    assert window.notice.text.text() == ALARM
-    assert "waits for Start" in window.top.sentence.text()
-    window.notice.clear()
-    window.model.begin_asked.emit()
-    assert window.is_live()
+    shop_window._say(ALARM, True)
+    assert shop_window.model is not None
+    shop_window.model.begin_asked.emit()
+    assert not shop_window.is_live()
+    assert shop_window.notice.text.text() == ALARM
+    assert "waits for Start" in shop_window.top.sentence.text()
+    shop_window.notice.clear()
+    shop_window.model.begin_asked.emit()
+    assert shop_window.is_live()
     shop.let("run")
     qtbot.waitUntil(lambda: "run" in shop.made)
 
 
 def test_a_run_under_way_that_is_stopped_while_it_is_attached_is_shown_until_it_has_ended(
-    qtbot: QtBot, open_window: Open, shop: Slow
+    qtbot: QtBot, shop_window: MainWindow, shop: Slow
 ) -> None:
-    window = open_window(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
-    window._show_under_way("run")
-    window.stop_motion()
+    shop_window._show_under_way("run")
+    shop_window.stop_motion()
     run = make_run(title="run").at(30)
     asked: list[str] = []
     run.stays = True
     run.request_stop = asked.append  # type: ignore[method-assign]
     shop.made["run"] = run
     shop.let("run")
-    qtbot.waitUntil(lambda: window.source is run and window._view is not None)
+    qtbot.waitUntil(lambda: shop_window.source is run and shop_window._view is not None)
     qtbot.waitUntil(lambda: asked == ["STOP MOTION was pressed"])
-    assert window.is_live()
-    assert window.top.badge.text() == "STOPPING"
-    assert not window.top.start.isEnabled()
+    assert shop_window.is_live()
+    assert shop_window.top.badge.text() == "STOPPING"
+    assert not shop_window.top.start.isEnabled()
     run.at(60)
-    qtbot.waitUntil(lambda: window.top.badge.text() == "DONE")
-    assert not window.is_live()
-    assert window.top.start.isEnabled()
+    qtbot.waitUntil(lambda: shop_window.top.badge.text() == "DONE")
+    assert not shop_window.is_live()
+    assert shop_window.top.start.isEnabled()
 
 
 def test_the_window_waits_for_no_look_at_the_last_run_as_it_shows_the_next(

@@ -1,7 +1,5 @@
 """The picture of the interface and the charts, as an operator uses them."""
 
-import csv
-import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -13,13 +11,13 @@ from picture_hands import (  # noqa: F401 (fixtures)
     picture_of_run,
     run_of_script,
     script_of_frames,
-    shown,
 )
 from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QColor
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
-from window_hands import click, look, make_run
+from set_up_hands import write
+from window_hands import click, look, make_run, shown
 
 from app.gui.curves_view import CurvesView
 from app.gui.frame_results import KINDS, FieldImage, shown_image
@@ -148,10 +146,7 @@ def test_zero_as_one_end_of_both_signs_leaves_the_other(
     picture.which.setCurrentIndex(list(PICTURES).index("uy_um"))
     low, high = picture.canvas.colour_scale[1]
     assert low == -high < 0
-    picture.ends[0].setFocus()
-    picture.ends[0].selectAll()
-    qtbot.keyClicks(picture.ends[0], "0")
-    qtbot.keyClick(picture.ends[0], Qt.Key.Key_Return)
+    write(qtbot, picture.ends[0], "0", Qt.Key.Key_Return)
     assert picture.canvas.colour_scale[1] == (low, high)
 
 
@@ -318,24 +313,12 @@ def test_the_picture_keeps_its_shape_when_zoomed(
         qtbot.keyClick(picture.canvas, Qt.Key.Key_Plus)
 
 
-def test_the_field_is_saved_as_numbers(picture: InterfaceView, run: ScriptedRun) -> None:
-    state = look(run.at(200))
-    picture.show_view(state)
-    rows = list(csv.DictReader(io.StringIO(picture.canvas.table())))
-    values = state.frame.field("ux_um").values
-    assert list(rows[0]) == ["x_mm", "y_mm", "ux_um"]
-    assert len(rows) == np.isfinite(values).sum()
-    assert float(rows[0]["x_mm"]) == pytest.approx(run.grid_x_px[1] * MM)
-    assert float(rows[0]["ux_um"]) == pytest.approx(values[0, 1], rel=1e-6)
-
-
 # ------------------------------------------------------------------ the charts
 
 
 @pytest.fixture
 def curves(qtbot: QtBot, run: ScriptedRun) -> CurvesView:
-    view = CurvesView()
-    shown(qtbot, view, 700, 820)
+    view = shown(qtbot, CurvesView(), 700, 820)
     view.show_setup(setup_of(run))
     return view
 

@@ -10,6 +10,7 @@ from PySide6.QtCore import QPoint, Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QLineEdit, QPushButton, QSlider, QVBoxLayout, QWidget
 from scripted_run import ScriptedRun
+from set_up_hands import write
 from sparse_session import sparse_copy
 from whole_runs import recorded
 from window_hands import click, look
@@ -17,7 +18,6 @@ from window_hands import click, look
 from app.gui.cells import Tone
 from app.gui.playback_bar import PlaybackBar
 from app.gui.result_panel import ResultPanel
-from app.gui.window import MainWindow
 from app.replay.reanalysis import Reanalysis
 from app.replay.replay import Replay
 from app.runs.run_source import Kind
@@ -149,18 +149,13 @@ def test_a_click_on_the_time_line_shows_the_frame_of_that_time(qtbot, host, repl
 
 def test_the_number_that_is_typed_is_that_of_the_recorded_frame(qtbot, host, replay):
     field = host.bar.number
-    field.setFocus()
-    field.selectAll()
-    qtbot.keyClicks(field, "37")
-    qtbot.keyClick(field, Qt.Key.Key_Return)
+    write(qtbot, field, "37", Qt.Key.Key_Return)
     assert replay.frame == 37
     view = look(replay)
     assert view.charts.cursor.frame == 37
     assert "frame 37" in view.frame.field("ux_um").caption
     assert field.text() == "frame 37 of 0 to 62"
-    field.selectAll()
-    qtbot.keyClicks(field, str(LOST))  # it has no image: the nearest one
-    qtbot.keyClick(field, Qt.Key.Key_Return)
+    write(qtbot, field, str(LOST), Qt.Key.Key_Return)  # it has no image: the nearest one
     assert replay.frame in (LOST - 1, LOST + 1)
     assert field.value() == replay.frame
 
@@ -311,11 +306,10 @@ def test_a_replay_is_unmistakable_and_speaks_of_the_past(replay, session, tmp_pa
     assert look(analysis).badge.startswith("ANALYSIS")
 
 
-def test_a_replay_on_a_small_screen_leaves_room_for_its_picture(qtbot, replay):
-    window = MainWindow(replay)
+def test_a_replay_on_a_small_screen_leaves_room_for_its_picture(qtbot, open_window, replay):
+    window = open_window(replay)
+    window.showNormal()
     window.resize(960, 540)  # 1920 x 1080 in scale 2
-    with qtbot.waitActive(window):
-        window.show()
     qtbot.waitUntil(lambda: window.playback.isVisible() and window._view is not None)
     bar = window.playback
     qtbot.waitUntil(lambda: bar.width() == window.width())
@@ -325,19 +319,10 @@ def test_a_replay_on_a_small_screen_leaves_room_for_its_picture(qtbot, replay):
     places = [one.rect().translated(one.mapTo(bar, one.rect().topLeft())) for one in parts]
     assert all(bar.rect().contains(place) for place in places)
     assert min(place.width() for place in places) >= 40
-    window._must_close = True
-    window.close()
-    window.deleteLater()
 
 
-def test_a_live_run_has_no_time_line(qtbot):
-    window = MainWindow(ScriptedRun(width=480, height=360))
-    with qtbot.waitActive(window):
-        window.show()
+def test_a_live_run_has_no_time_line(window):
     assert not window.playback.isVisible()
-    window._must_close = True
-    window.close()
-    window.deleteLater()
 
 
 def test_what_can_not_be_browsed_yet_is_switched_off(qtbot, session, tmp_path):

@@ -10,7 +10,7 @@ from PySide6.QtCore import QEvent, QObject, QPoint, QPointF, Qt
 from PySide6.QtGui import QColor, QWheelEvent
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
-from window_hands import click
+from window_hands import click, shown
 
 from app.gui import theme
 from app.gui.charts import Chart, ChartMark, Guide, Line, Span
@@ -140,6 +140,18 @@ def test_axes_stay_while_a_curve_grows_inside_them(panel: PlotPanel) -> None:
     assert changes
 
 
+def draw(panel: PlotPanel, line: Line, **more: object) -> None:
+    """Draw one curve in the axes of a chart."""
+    panel.show_chart(replace(chart(), lines=(line,), **more))  # type: ignore[arg-type]
+    settle(panel)
+
+
+def around(plot: CurvePlot, x: float, y: float) -> list[tuple[int, int]]:
+    """The pixels within 5 px of a point."""
+    at = place(plot, x, y)
+    return [(at.x() + i, at.y() + k) for i in range(-5, 6) for k in range(-5, 6)]
+
+
 def distance(colour: QColor, wanted: QColor) -> int:
     return abs(colour.red() - wanted.red()) + abs(colour.blue() - wanted.blue())
 
@@ -149,9 +161,7 @@ def is_near(panel: PlotPanel, x: float, y: float, role: str) -> bool:
     its full colour in one pixel of several, and a dashed one has gaps.
     """
     image, wanted = panel.plot.grab().toImage(), QColor(theme.now().role(role))
-    at = place(panel.plot, x, y)
-    around = [(at.x() + i, at.y() + k) for i in range(-5, 6) for k in range(-5, 6)]
-    return min(distance(image.pixelColor(*one), wanted) for one in around) < 60
+    return min(distance(image.pixelColor(*one), wanted) for one in around(panel.plot, x, y)) < 60
 
 
 @pytest.mark.parametrize("style", ["line", "dashed", "dots", "squares"])
@@ -171,8 +181,7 @@ def test_a_curve_that_goes_back_and_forth_is_drawn_whole(panel: PlotPanel) -> No
     turns = np.concatenate([np.linspace(0, 1, 4000), np.linspace(1, 0, 4000)])
     y = np.concatenate([np.linspace(0, 1, 4000), np.linspace(1, 0.5, 4000)])
     loop = Line("", turns, y, "shear", ("x", "y"))
-    panel.show_chart(replace(chart(), lines=(loop,)))
-    settle(panel)
+    draw(panel, loop)
     assert is_near(panel, 0.5, 0.5, "shear")
     assert is_near(panel, 0.5, 0.75, "shear")
     assert not is_near(panel, 0.5, 0.25, "shear")
@@ -181,8 +190,7 @@ def test_a_curve_that_goes_back_and_forth_is_drawn_whole(panel: PlotPanel) -> No
 def test_extremes_of_a_long_curve_are_drawn(panel: PlotPanel) -> None:
     x, y = np.linspace(0, 1, 20_000), np.zeros(20_000)
     y[7_000] = 1.0
-    panel.show_chart(replace(chart(), lines=(Line("", x, y, "shear", ("x", "y")),)))
-    settle(panel)
+    draw(panel, Line("", x, y, "shear", ("x", "y")))
     assert is_near(panel, 0.35, 0.8, "shear")
     assert not is_near(panel, 0.45, 0.8, "shear")
 
@@ -190,8 +198,7 @@ def test_extremes_of_a_long_curve_are_drawn(panel: PlotPanel) -> None:
 def test_a_curve_lies_over_the_grid(panel: PlotPanel) -> None:
     x = np.linspace(0, 1, 50)
     line = Line("", x, np.full(50, 0.53), "shear", ("x", "y"))
-    panel.show_chart(replace(chart(), lines=(line,), y_least=(0.0, 1.0)))
-    settle(panel)
+    draw(panel, line, y_least=(0.0, 1.0))
     image, wanted = panel.plot.grab().toImage(), QColor(theme.now().shear)
     left, right = (place(panel.plot, at, 0.53) for at in (0.1, 0.9))
     rows = range(left.y() - 2, left.y() + 3)
@@ -202,8 +209,7 @@ def test_a_curve_lies_over_the_grid(panel: PlotPanel) -> None:
 def test_a_curve_is_interrupted_where_nothing_was_measured(panel: PlotPanel) -> None:
     x = np.linspace(0, 1, 101)
     y = np.where((x > 0.4) & (x < 0.6), np.nan, x)
-    panel.show_chart(replace(chart(), lines=(Line("", x, y, "shear", ("x", "y")),)))
-    settle(panel)
+    draw(panel, Line("", x, y, "shear", ("x", "y")))
     assert is_near(panel, 0.3, 0.3, "shear")
     assert not is_near(panel, 0.5, 0.5, "shear")
 
@@ -211,8 +217,7 @@ def test_a_curve_is_interrupted_where_nothing_was_measured(panel: PlotPanel) -> 
 def test_a_band_reaches_as_far_as_the_uncertainty(panel: PlotPanel) -> None:
     x = np.linspace(0, 1, 50)
     line = Line("", x, np.full(50, 0.5), "shear", ("x", "y"), sd=np.full(50, 0.2))
-    panel.show_chart(replace(chart(), lines=(line,), y_least=(0.0, 1.0)))
-    settle(panel)
+    draw(panel, line, y_least=(0.0, 1.0))
     image = panel.plot.grab().toImage()
     ground = QColor(theme.now().panel)
 
@@ -258,9 +263,7 @@ def test_guides_and_spans_reach_the_ends_of_the_axes_at_each_zoom(panel: PlotPan
 
     def differs(x: float, y: float) -> int:
         """From the ground, within 5 px; a line between two pixels has half its colour in each."""
-        at = place(panel.plot, x, y)
-        around = [(at.x() + i, at.y() + k) for i in range(-5, 6) for k in range(-5, 6)]
-        return max(distance(image.pixelColor(*one), ground) for one in around)
+        return max(distance(image.pixelColor(*one), ground) for one in around(panel.plot, x, y))
 
     for end in (-1.9, 2.8):
         assert differs(0.25, end) > 100
@@ -283,8 +286,7 @@ def test_marks_and_names_of_axes_are_where_they_belong(panel: PlotPanel) -> None
 def test_a_dot_is_as_wide_as_it_is_high(panel: PlotPanel, style: str) -> None:
     """Of points whose x differ by far less than their y."""
     x, y = np.array([0.3, 0.5, 0.7]), np.array([0.0, 500.0, 1000.0])
-    panel.show_chart(replace(chart(), lines=(Line("c", x, y, "stick", ("x", "y"), style=style),)))
-    settle(panel)
+    draw(panel, Line("c", x, y, "stick", ("x", "y"), style=style))
     shown, centre = panel.plot.grab().toImage(), place(panel.plot, x[1], y[1])
     colour = np.array(QColor(theme.now().role("stick")).getRgb()[:3])
     steps = range(-12, 13)
@@ -386,11 +388,7 @@ def test_a_plot_follows_the_look_of_the_window(qapp: QApplication, panel: PlotPa
 
 
 def test_the_name_of_an_axis_is_in_its_middle_whatever_it_was_before(qtbot: QtBot) -> None:
-    plot = CurvePlot()
-    qtbot.addWidget(plot)
-    plot.resize(300, 200)
-    with qtbot.waitExposed(plot):
-        plot.show()
+    plot = shown(qtbot, CurvePlot(), 300, 200)
     _, below = plot.axes
     for name in ("r", "time t from the start of the drive (s)"):
         below.setLabel(name)
@@ -399,11 +397,7 @@ def test_the_name_of_an_axis_is_in_its_middle_whatever_it_was_before(qtbot: QtBo
 
 
 def test_the_hint_of_an_empty_chart_is_between_its_axes(qtbot: QtBot) -> None:
-    plot = CurvePlot()
-    qtbot.addWidget(plot)
-    plot.resize(360, 220)
-    with qtbot.waitExposed(plot):
-        plot.show()
+    plot = shown(qtbot, CurvePlot(), 360, 220)
     plot.show_chart(Chart("c", "Q/P", "c/a", (), hint="The stick radius c of each frame"))
     qtbot.waitUntil(lambda: plot._hint.isVisible() and plot._hint.x() > 20)
     inside = plot.box.sceneBoundingRect().toAlignedRect()

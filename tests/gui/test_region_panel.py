@@ -10,7 +10,7 @@ from PySide6.QtCore import QEvent, QPoint, Qt
 from PySide6.QtGui import QMouseEvent
 from PySide6.QtWidgets import QApplication, QWidget
 from pytestqt.qtbot import QtBot
-from window_hands import click
+from window_hands import click, shown
 
 from app.gui.frame_results import Circles
 from app.gui.plots.picture import PicturePlot
@@ -32,23 +32,15 @@ def model() -> WindowModel:
 @pytest.fixture
 def picture(qtbot: QtBot, model: WindowModel) -> PicturePlot:
     """A picture of 320 x 240 px."""
-    made = PicturePlot()
-    qtbot.addWidget(made)
-    made.resize(720, 560)
+    made = shown(qtbot, PicturePlot(), 720, 560)
     made.begin_run((320, 240), MM, (0.0, 0.0, 320.0, 240.0))
-    with qtbot.waitExposed(made):
-        made.show()
     made.grab()  # it takes its final size
     return made
 
 
 @pytest.fixture
 def panel(qtbot: QtBot, model: WindowModel, picture: PicturePlot) -> RegionPanel:
-    panel = RegionPanel(model, picture)
-    qtbot.addWidget(panel)
-    with qtbot.waitActive(panel):
-        panel.show()
-    return panel
+    return shown(qtbot, RegionPanel(model, picture))
 
 
 def at(panel: RegionPanel, x: float, y: float) -> QPoint:

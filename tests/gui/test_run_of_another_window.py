@@ -13,6 +13,7 @@ from processes.launched import launched, wait_until
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import finish
 from workshops import Makes
 
 from app.gui.run_factory import RunFactory
@@ -115,8 +116,7 @@ def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, open_window
     shop, own = Shop(REST), Ended(320, 240, frames=60)
     window = open_window(own, model(shop))
     window.begin()
-    own.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, own)
     qtbot.keyClick(window, Qt.Key.Key_F12)
     qtbot.waitUntil(lambda: window.notice.text.text() == REST.sentence)
 
@@ -127,8 +127,7 @@ def test_stop_after_a_run_is_for_the_bench_that_was_connected_since(
     own = ScriptedRun(320, 240, frames=60)
     window = open_window(own, model(Shop()))
     window.begin()
-    own.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, own)
     window.bench.link._preview = SimpleNamespace(stop_motion=lambda: REST)
     qtbot.keyClick(window, Qt.Key.Key_F12)
     qtbot.waitUntil(lambda: window.notice.text.text() == REST.sentence)
@@ -195,8 +194,7 @@ def test_an_offer_that_gave_way_to_a_replay_can_be_asked_for_again(
     window.open_session(Path("old.h5"))
     qtbot.waitUntil(lambda: window.source is old)
     assert not window.notice.is_question
-    old.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, old)
     window.actions_by_name["find_run"].trigger()
     qtbot.waitUntil(lambda: window.notice.is_question)
     Mouse(qtbot, window).click(window.notice.yes)

@@ -13,6 +13,7 @@ from operators import Mouse, large
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import Open
 from workshops import Makes
 
 from app.files.kinds import EXPORTS
@@ -74,20 +75,16 @@ def run(slow: SlowFolder) -> ScriptedRun:
 
 @pytest.fixture
 def window(
-    qtbot: QtBot, slow: SlowFolder, run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
+    open_window: Open, slow: SlowFolder, run: ScriptedRun, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[MainWindow]:
     WindowMemory().remember("bench", slow.path / "lab.toml")
     WindowMemory().remember("session", slow.path / "a.h5")
     monkeypatch.setattr(archive, "sessions_in", lambda folder: [folder / "a.h5"])
-    model = WindowModel(Makes(lambda: run), Config(), slow.path / "a.h5")  # type: ignore[arg-type]
-    shown = MainWindow(model=model)
-    with qtbot.waitActive(shown):
-        large(shown)
+    shown = open_window(
+        model=WindowModel(Makes(lambda: run), Config(), slow.path / "a.h5"), show=large
+    )
     yield shown
     slow.answers.set()
-    shown._must_close = True
-    shown.close()
-    shown.deleteLater()
 
 
 def test_settings_start_and_stop_wait_for_no_folder(

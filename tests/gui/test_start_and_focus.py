@@ -2,11 +2,10 @@
 unless the operator meant it.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from operators import CTRL, Keyboard, Mouse, large
+from operators import CTRL, Keyboard, Mouse, arrange, large
 from PySide6.QtCore import QEvent, QObject, Qt, QTimer
 from PySide6.QtGui import QColor
 from PySide6.QtWidgets import (
@@ -20,7 +19,8 @@ from PySide6.QtWidgets import (
 )
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from set_up_hands import heads_of_steps
+from set_up_hands import heads_of_steps, write
+from window_hands import Open, finish
 from workshops import Makes
 
 from app.gui import theme
@@ -52,16 +52,10 @@ def shop() -> Shop:
 
 @pytest.fixture
 def window(
-    qtbot: QtBot, shop: Shop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[MainWindow]:
+    open_window: Open, shop: Shop, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> MainWindow:
     monkeypatch.chdir(tmp_path)
-    shown = MainWindow(model=WindowModel(shop, Config()))  # type: ignore[arg-type]
-    with qtbot.waitActive(shown):
-        large(shown)
-    yield shown
-    shown._must_close = True
-    shown.close()
-    shown.deleteLater()
+    return open_window(model=WindowModel(shop, Config()), show=large)
 
 
 def speed_of_drive(setup: SetupPanel) -> QLineEdit:
@@ -127,9 +121,7 @@ def test_whatever_is_refused_is_gone_to(
         setup.settings.table("camera").open()
         (row,) = setup.settings.rows("camera.exposure")
         wanted, name = row.editor, "exposure"
-        wanted.setFocus()
-        wanted.selectAll()
-        qtbot.keyClicks(wanted, "long")
+        write(qtbot, wanted, "long", end=None)
         mouse.click(setup.search)
         setup.settings.table("camera").open(False)
         assert not wanted.isVisible()
@@ -156,10 +148,7 @@ def test_an_exposure_that_was_not_left_is_taken_by_start(
 ) -> None:
     mouse = Mouse(qtbot, window)
     mouse.go_to("bench")
-    box = window.bench.exposure
-    box.setFocus()
-    box.selectAll()
-    qtbot.keyClicks(box, "7.5")
+    write(qtbot, window.bench.exposure, "7.5", end=None)
     mouse.click(window.top.start)
     qtbot.waitUntil(lambda: bool(shop.asked))
     assert shop.asked[0][0].camera.exposure == pytest.approx(7.5e-3)
@@ -263,9 +252,7 @@ def test_a_protocol_that_is_refused_is_not_called_by_the_name_of_the_last(
 def test_no_click_at_the_place_of_connect_begins_a_run(qtbot: QtBot, window: MainWindow) -> None:
     mouse, connect = Mouse(qtbot, window), window.bench.connect_button
     for size in ((1366, 768), (1720, 1000), (1024, 700)):
-        window.resize(*size)
-        window.reset_layout()
-        window.resize(*size)
+        arrange(window, *size)
         mouse.go_to("bench")
         qtbot.wait(100)
         place = connect.rect().translated(connect.mapTo(window, connect.rect().topLeft()))
@@ -346,16 +333,14 @@ def test_the_focus_that_is_lost_goes_to_nothing_that_moves(
             window.docks.show("bench")
         elif event == "the end of a run":
             window.docks.go_to("experiment")
-            run.at(60)
-            qtbot.waitUntil(lambda: window.outcome() is not None)
+            finish(qtbot, window, run)
         assert QApplication.focusWidget() not in buttons_that_move(window)
         for key in (Qt.Key.Key_Space, Qt.Key.Key_Return):
             Keyboard(qtbot, window).key(key)
         qtbot.wait(200)
         assert run.calls == []
         assert len(shop.runs) == number + 1
-        run.at(60)
-        qtbot.waitUntil(lambda: window.outcome() is not None)
+        finish(qtbot, window, run)
 
 
 @pytest.mark.parametrize("goes_on", [False, True])

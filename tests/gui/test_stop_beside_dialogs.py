@@ -2,7 +2,7 @@
 analysis takes the processor from a run.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,13 +14,11 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import click
+from window_hands import Open, click, finish, model_of
 from workshops import Makes
 
 from app.gui.bench_link import LinkState
 from app.gui.window import MainWindow
-from app.gui.window_model import WindowModel
-from app.settings.sections import Config
 from app.system.stopping import at_rest
 
 LEFT = Qt.MouseButton.LeftButton
@@ -45,14 +43,8 @@ def analyses(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
 
 
 @pytest.fixture
-def window(qtbot: QtBot, run: ScriptedRun) -> Iterator[MainWindow]:
-    made = MainWindow(model=WindowModel(Makes(lambda: run), Config()))
-    with qtbot.waitActive(made):
-        made.show()
-    yield made
-    made._must_close = True
-    made.close()
-    made.deleteLater()
+def window(open_window: Open, run: ScriptedRun) -> MainWindow:
+    return open_window(model=model_of(lambda: run))
 
 
 def asked(qtbot: QtBot, window: MainWindow) -> QFileDialog:
@@ -186,8 +178,7 @@ def test_a_session_is_not_analysed_again_during_a_run(
     said = ask_analysis(window)
     assert "old.h5 was not analysed again: a run is going on" in said()
     assert not analyses
-    run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, run)
     ask_analysis(window)
     qtbot.waitUntil(lambda: analyses == [Path("old.h5")])
 
@@ -202,8 +193,7 @@ def test_a_run_that_begins_beside_a_further_analysis_says_so(
     sentence = window.notice.text.text()
     assert sentence.startswith("old.h5 is being analysed again, which takes processor time")
     assert window.sessions.said.text() == sentence
-    run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, run)
     window.sessions.analysis_form.end()
     window.begin()
     assert sentence not in window.notice.text.text()

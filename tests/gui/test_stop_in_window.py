@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, click, colour_of
+from window_hands import Open, click, colour_of, finish
 from workshops import Makes
 
 from app.gui import theme
@@ -171,8 +171,7 @@ def test_nothing_is_sent_where_nothing_is_connected(
         expected = "no bench is connected"
     if state == "ended":
         window.begin()
-        run.at(60)
-        qtbot.waitUntil(lambda: window.outcome() is not None)
+        finish(qtbot, window, run)
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     qtbot.waitUntil(lambda: expected in window.notice.text.text())
     assert colour_of(window.notice) == theme.now().tones[Tone.NEUTRAL]

@@ -19,7 +19,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, click, make_run, model_of
+from window_hands import Open, begin, click, finish, make_run, model_of, shown
 
 from app.gui import window as window_module
 from app.gui.cells import DASH, readouts
@@ -224,20 +224,6 @@ def test_a_stop_that_failed_stays_on_the_screen(
     )
 
 
-def test_a_window_that_could_not_stop_the_motion_stays_open(
-    qtbot: QtBot, window: MainWindow, run: ScriptedRun
-) -> None:
-    def fails() -> None:
-        raise OSError("actuator: no answer")
-
-    run.stop_motion = fails  # type: ignore[method-assign]
-    window.begin()
-    window.close_after_run()
-    qtbot.waitUntil(lambda: window.notice.is_alarm)
-    assert window._close_by is None
-    assert window.isVisible()
-
-
 def test_a_run_stopped_before_it_began_is_replaced(qtbot: QtBot, open_window: Open) -> None:
     runs = [make_run(), make_run()]
     window = open_window(runs[0], model_of(lambda: runs[1]))
@@ -296,8 +282,7 @@ def test_after_a_run_start_makes_the_next(qtbot: QtBot, open_window: Open) -> No
     window = open_window(model=model_of(make))
     window.begin()
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
-    runs[0].at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, runs[0])
     qtbot.waitUntil(lambda: window.result.heading.text() == "Result")
     window.begin()
     qtbot.waitUntil(lambda: window.top.title.text() == "run 1" and window._view is not None)
@@ -334,8 +319,7 @@ def test_the_strip_says_of_what_its_numbers_are(
     begin(qtbot, window, run, 30)
     qtbot.waitUntil(lambda: shear.text() != DASH)
     assert (strip.stamp.text(), shear.objectName()) == ("", "value")
-    run.at(60)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    finish(qtbot, window, run)
     of_run = shear.text()
     assert re.fullmatch(r"ended \d\d:\d\d\nrun", strip.stamp.text())
     assert shear.objectName() == "old"
@@ -355,11 +339,7 @@ def test_the_strip_says_of_what_its_numbers_are(
 
 
 def test_the_name_of_a_run_that_is_over_is_not_cut_short(qtbot: QtBot) -> None:
-    strip = LiveStrip()
-    qtbot.addWidget(strip)
-    strip.resize(600, 60)
-    with qtbot.waitExposed(strip):
-        strip.show()
+    strip = shown(qtbot, LiveStrip(), 600, 60)
     strip.begin(Path("slipscope-20261127-020225.h5"))
     strip.end(NOTHING)
     room, flags = strip.stamp.contentsRect(), Qt.TextFlag.TextWordWrap

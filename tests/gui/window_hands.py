@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
@@ -19,6 +20,7 @@ from app.gui.window_model import WindowModel
 from app.settings.sections import Config
 
 Open = Callable[..., MainWindow]
+Shown = TypeVar("Shown", bound=QWidget)
 
 
 def make_run(kind: type[ScriptedRun] = ScriptedRun, title: str = "simulated bench") -> ScriptedRun:
@@ -53,3 +55,19 @@ def click(qtbot: QtBot, widget: QWidget) -> None:
 def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
     """What a window shows of a run that it has seen before as `previous`."""
     return resolve(setup_of(run), read(run, previous.curves.seen if previous else 0), previous)
+
+
+def finish(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
+    """Let a run come to its end, and the window see that."""
+    run.at(run.frames)
+    qtbot.waitUntil(lambda: window.outcome() is not None)
+
+
+def shown(qtbot: QtBot, widget: Shown, *size: int) -> Shown:
+    """A widget that is on the screen until the test is over, of a size if one is given."""
+    qtbot.addWidget(widget)
+    if size:
+        widget.resize(*size)
+    with qtbot.waitActive(widget):
+        widget.show()
+    return widget
