@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from processes.launched import wait_until
 from short_run import SMALL
+from window_hands import wait_for_end
 
 from app.gui.window import MainWindow
 from app.records.record_types import Phase
@@ -43,7 +44,7 @@ def test_a_window_blocked_for_ten_seconds_costs_neither_a_frame_nor_a_sample(qtb
     window.interface.show_view = block
     window.show()
     window.begin()
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     outcome = run.wait(400)
     view = window._view
     window.close()

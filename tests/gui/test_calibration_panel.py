@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QFileDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from set_up_hands import write
 from short_run import RIGID
-from window_hands import click, shown
+from window_hands import click, shown, wait_for_words
 
 from analysis.options import Section
 from app.calibrations.certifying import Evaluated, evaluated
@@ -190,7 +190,7 @@ def test_a_run_that_does_not_begin_arms_nothing_for_the_next_start(
     monkeypatch.setattr(window.model.factory, "run", unable)
     choose(panel, "speed")
     panel.measure()
-    qtbot.waitUntil(lambda: "the bench is switched off" in window.notice.text.text())
+    wait_for_words(qtbot, window, "the bench is switched off")
     assert not panel._plan
     assert window.model.config == own
     # nor one that is refused for what stands in the form
@@ -240,7 +240,7 @@ def test_data_that_cannot_be_trusted_are_told_in_the_window(
     panel = chosen(window, "still")
     panel.take_files([])
     words = "the stage was to move, it stood still; let it move"
-    qtbot.waitUntil(lambda: words in window.notice.text.text())
+    wait_for_words(qtbot, window, words)
     assert not list(tmp_path.glob("*.zip"))
 
 
@@ -274,7 +274,7 @@ def test_one_file_is_asked_for_where_one_is_evaluated_and_for_the_chosen_one_onl
 def test_what_is_no_certificate_or_no_option_is_told(qtbot: QtBot, window: MainWindow) -> None:
     panel = chosen(window, "speed")
     panel.take_files([Path("gone.h5")])
-    qtbot.waitUntil(lambda: "Calibration: gone.h5" in window.notice.text.text())
+    wait_for_words(qtbot, window, "Calibration: gone.h5")
 
 
 def test_an_option_typed_as_by_default_wins_over_that_of_a_certificate(

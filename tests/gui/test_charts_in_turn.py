@@ -5,7 +5,7 @@ import threading
 import pytest
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, look, make_run
+from window_hands import Open, begin, look, make_run, wait_for_frame
 
 from app.gui import run_charts
 from app.gui.charts import Chart
@@ -72,6 +72,6 @@ def test_the_picture_is_made_in_the_thread_that_reads_the_run(
 
     monkeypatch.setattr(raster._Image, "_scaled_part", noted)
     run.at(56)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 56)
+    wait_for_frame(qtbot, window, 56)
     qtbot.wait(50)
     assert set(threads) == {"slipscope-window-reader"}

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, click, finish, make_run, model_of
+from window_hands import Open, begin, click, finish, make_run, model_of, wait_for_words
 
 from app.gui.window import MainWindow
 
@@ -66,10 +66,10 @@ def test_closing_while_a_run_is_made_ready_asks(qtbot: QtBot, open_window: Open,
     may_be_made.set()
     if end == "begins":
         qtbot.waitUntil(lambda: run.started)
-        qtbot.waitUntil(lambda: "going on" in window.notice.text.text())
+        wait_for_words(qtbot, window, "going on")
         assert window.notice.is_question
     elif end == "fails":
-        qtbot.waitUntil(lambda: "no stage" in window.notice.text.text())
+        wait_for_words(qtbot, window, "no stage")
         assert not window.notice.is_question
         window.close()
         assert not window.isVisible()
@@ -115,7 +115,7 @@ def test_whether_to_close_is_not_asked_any_more_once_the_run_has_ended(
     run.outcome = lambda: None  # type: ignore[method-assign]
     if is_stopped:
         window.stop_motion()
-        qtbot.waitUntil(lambda: "at rest" in window.notice.text.text())
+        wait_for_words(qtbot, window, "at rest")
     answer = window.notice.text.text()
     window.close()
     assert window.notice.is_question

@@ -13,7 +13,7 @@ from PySide6.QtGui import QGuiApplication
 from PySide6.QtWidgets import QApplication, QDialogButtonBox, QFileDialog
 from pytestqt.qtbot import QtBot
 from short_run import RIGID
-from window_hands import Open
+from window_hands import Open, wait_for_words
 
 from app.gui.bench_link import LinkState
 from app.gui.keys import ACTS, GO_TO, KeyList
@@ -334,7 +334,7 @@ def test_an_evening_by_keyboard_alone(qtbot: QtBot, window: MainWindow, made: li
     assert not loading.plot.is_zoomed
 
     key(Qt.Key.Key_Escape)
-    qtbot.waitUntil(lambda: "the simulated actuator is at rest" in window.notice.text.text())
+    wait_for_words(qtbot, window, "the simulated actuator is at rest")
     evening.sees_a_stopped_run("first.h5", "STOP MOTION was pressed")
     keyboard.press(window.notice.no)
     assert not window.notice.isVisible()

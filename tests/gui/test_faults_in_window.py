@@ -17,6 +17,7 @@ from PySide6.QtCore import QSettings
 from PySide6.QtWidgets import QApplication
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
+from window_hands import wait_for_end
 from workshops import Makes
 
 from app.gui.cells import Tone
@@ -72,7 +73,7 @@ def shows(
     yield show
     for run in begun:
         run.request_stop("the test is over")
-        qtbot.waitUntil(lambda: window.outcome() is not None)
+        wait_for_end(qtbot, window)
 
 
 @pytest.fixture
@@ -248,7 +249,7 @@ def test_a_full_disk_is_told(
 
     monkeypatch.setattr(shutil, "disk_usage", free)
     window = shows(run)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     assert window.top.badge.text() == "FAILED"
     assert "the disk is full, 34 MB are left; make room" in window.top.sentence.text()
     assert beeps == ["beep"]

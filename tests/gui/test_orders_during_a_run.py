@@ -13,7 +13,7 @@ from PySide6.QtWidgets import QApplication, QInputDialog, QLineEdit
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from short_run import RIGID
-from window_hands import Open, begin, finish, make_run, model_of
+from window_hands import Open, begin, finish, make_run, model_of, wait_for_end
 
 from app.gui.experiment_panel import ExperimentPanel
 from app.gui.run_factory import RunFactory
@@ -102,7 +102,7 @@ def test_a_run_waits_between_two_steps_and_takes_notes(qtbot: QtBot, window: Mai
     keyboard.key(Qt.Key.Key_F9)
     assert "No step follows" in window.notice.text.text()
     mouse.click(window.top.stop)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     assert not panel.note_button.isEnabled()
     mouse.go_to("log")
     qtbot.waitUntil(lambda: "Note: the door" in window.log.text.toPlainText())

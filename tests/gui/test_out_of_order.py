@@ -7,7 +7,16 @@ from typing import Any
 import pytest
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, click, make_run, model_of
+from window_hands import (
+    Open,
+    begin,
+    click,
+    make_run,
+    model_of,
+    wait_for_end,
+    wait_for_frame,
+    wait_for_words,
+)
 from workshops import Makes
 
 from app.gui.notice import Notice
@@ -105,7 +114,7 @@ def test_the_badge_says_at_the_press_that_a_run_is_to_end_until_it_has(
     getattr(window, by)()
     assert window.top.badge.text() == "STOPPING"
     run.at(31)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 31)
+    wait_for_frame(qtbot, window, 31)
     assert window._view is not None
     assert window._view.badge == "RUNNING"  # as the run still says
     assert window.top.badge.text() == "STOPPING"
@@ -125,7 +134,7 @@ def test_the_badge_says_what_the_run_is_at_where_it_could_not_be_asked_to_end(
     run.stop_motion = lambda: failed(OSError("the line is dead"))  # type: ignore[method-assign]
     begin(qtbot, window, run, 30)
     getattr(window, by)()
-    qtbot.waitUntil(lambda: "the line is dead" in window.notice.text.text())
+    wait_for_words(qtbot, window, "the line is dead")
     run.at(31)
     qtbot.waitUntil(lambda: window.top.badge.text() == "RUNNING")
 
@@ -140,9 +149,9 @@ def test_an_order_that_fails_while_a_run_is_to_end_leaves_the_badge_alone(
     begin(qtbot, window, run, 30)
     window.end_run()
     window._in_background("The note could not be recorded", note)
-    qtbot.waitUntil(lambda: "the note is lost" in window.notice.text.text())
+    wait_for_words(qtbot, window, "the note is lost")
     run.at(31)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 31)
+    wait_for_frame(qtbot, window, 31)
     assert window.top.badge.text() == "STOPPING"
 
 
@@ -306,7 +315,7 @@ def test_a_window_that_closes_waits_for_what_became_of_the_stop(
     run.stop_answer = lambda: None  # type: ignore[method-assign]
     begin(qtbot, window, run, 30)
     window.close_after_run()
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     qtbot.wait(200)
     assert window.isVisible()
     goes_on.set()

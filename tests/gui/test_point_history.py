@@ -12,7 +12,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from pytestqt.qtbot import QtBot
 from scripted_run import REFERENCE, ScriptedRun
-from window_hands import Open, begin, make_run, model_of
+from window_hands import Open, begin, make_run, model_of, wait_for_end
 
 from app.gui import point_history
 from app.gui.frame_results import Circles, frame_results
@@ -63,7 +63,7 @@ def test_a_click_on_the_picture_shows_what_that_point_did(
         qtbot.waitUntil(lambda at=frame: window._view.curves.seen == at)
     if is_over:
         run.request_stop("enough")
-        qtbot.waitUntil(lambda: window.outcome() is not None)
+        wait_for_end(qtbot, window)
         click(window, ROW + 2, COL)
     row = ROW + 2 * is_over
     times = [run._snapshots[n].conditions.time_s for n in range(first - 1, first + 7)]

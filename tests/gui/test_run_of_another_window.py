@@ -13,7 +13,7 @@ from processes.launched import launched, wait_until
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import finish
+from window_hands import finish, wait_for_words
 from workshops import Makes
 
 from app.gui.run_factory import RunFactory
@@ -102,7 +102,7 @@ def test_stop_beside_a_run_of_its_own_stops_both_and_an_alarm_is_seen(
     assert window.notice.is_alarm == (answer is MOVES)
     assert beeps == ["beep"] * (answer is MOVES)
     if answer is REST:  # the answer of its own run stands
-        qtbot.waitUntil(lambda: "the stage X is at rest" in window.notice.text.text())
+        wait_for_words(qtbot, window, "the stage X is at rest")
 
 
 def test_an_ended_run_does_not_hide_the_one_that_moves(qtbot: QtBot, open_window: Any) -> None:
@@ -207,7 +207,7 @@ def test_that_no_run_is_under_way_is_said_to_those_who_ask(qtbot: QtBot, open_wi
     qtbot.wait(100)
     assert not window.notice.isVisible()
     window.actions_by_name["find_run"].trigger()
-    qtbot.waitUntil(lambda: "No run of yours is under way" in window.notice.text.text())
+    wait_for_words(qtbot, window, "No run of yours is under way")
 
 
 def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
@@ -224,7 +224,7 @@ def test_the_bench_of_a_window_that_has_crashed_is_stopped_and_shown(
         qtbot.waitUntil(lambda: window.notice.is_question)
         assert "a.h5" in window.notice.text.text()
         qtbot.keyClick(window, Qt.Key.Key_Escape)
-        qtbot.waitUntil(lambda: "is at rest at" in window.notice.text.text())
+        wait_for_words(qtbot, window, "is at rest at")
         assert "a.h5" in window.notice.text.text()
         outcome = run.wait(120)
         assert outcome is not None

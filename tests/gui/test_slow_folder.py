@@ -13,7 +13,7 @@ from operators import Mouse, large
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open
+from window_hands import Open, wait_for_words
 from workshops import Makes
 
 from app.files.kinds import EXPORTS
@@ -121,7 +121,7 @@ def test_settings_start_and_stop_wait_for_no_folder(
     qtbot.keyClick(window, Qt.Key.Key_Escape)
     assert run.called.wait(60)
     assert run.calls == ["stop_motion"]
-    qtbot.waitUntil(lambda: "at rest" in window.notice.text.text())
+    wait_for_words(qtbot, window, "at rest")
     assert not slow.answers.is_set()
     assert slow.asked == []
 

@@ -20,7 +20,7 @@ from PySide6.QtWidgets import (
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
 from set_up_hands import heads_of_steps, write
-from window_hands import Open, finish
+from window_hands import Open, finish, wait_for_end, wait_for_words
 from workshops import Makes
 
 from app.gui import theme
@@ -82,7 +82,7 @@ def test_start_is_refused_while_a_field_is_and_goes_to_it(
         mouse.go_to("setup")
         mouse.type(load, "0,7")
         begin()
-        qtbot.waitUntil(lambda: "The run was not started: Load P" in window.notice.text.text())
+        wait_for_words(qtbot, window, "The run was not started: Load P")
         assert shop.asked == []
         said = window.notice.text.text()
         assert "0,7" in said
@@ -199,7 +199,7 @@ def test_the_keys_of_the_window_go_on_to_work(qtbot: QtBot, window: MainWindow, 
     keyboard.key(Qt.Key.Key_E, CTRL)
     assert shop.runs[0].called.wait(60)
     assert shop.runs[0].calls == ["the operator ended the run"]
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     keyboard.key(Qt.Key.Key_F5)
     qtbot.waitUntil(lambda: len(shop.runs) == 2 and shop.runs[1].started)
     keyboard.key(Qt.Key.Key_F12)

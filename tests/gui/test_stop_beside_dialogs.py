@@ -14,7 +14,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog, QLineEdit, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, click, finish, model_of
+from window_hands import Open, click, finish, model_of, wait_for_end
 from workshops import Makes
 
 from app.gui.bench_link import LinkState
@@ -99,7 +99,7 @@ def test_a_moving_stage_is_stopped_while_a_file_is_asked_for(
         assert bool(is_open) == (key != Qt.Key.Key_Escape)  # Esc closes it as well
         for one in is_open:
             one.close()
-        qtbot.waitUntil(lambda: window.outcome() is not None)
+        wait_for_end(qtbot, window)
 
 
 def test_escape_only_closes_what_is_open_while_nothing_can_move(

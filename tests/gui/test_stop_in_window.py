@@ -9,7 +9,7 @@ import pytest
 from PySide6.QtCore import Qt
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, click, colour_of, finish
+from window_hands import Open, click, colour_of, finish, wait_for_end, wait_for_words
 from workshops import Makes
 
 from app.gui import theme
@@ -70,12 +70,19 @@ def that_makes_runs(open_window: Open) -> tuple[MainWindow, list[Stopped]]:
     return open_window(model=WindowModel(Makes(make), Config())), runs
 
 
-def press(qtbot: QtBot, window: MainWindow) -> None:
+def press(qtbot: QtBot, window: MainWindow, answer: StopAnswer | None = None) -> None:
+    """Press STOP MOTION, and wait for an answer if one is given."""
     qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton)
+    if answer is not None:
+        wait_for(qtbot, window, answer)
 
 
-def says(window: MainWindow, sentence: str) -> bool:
-    return window.notice.isVisible() and window.notice.text.text() == sentence
+def says(window: MainWindow, answer: StopAnswer) -> bool:
+    return window.notice.isVisible() and window.notice.text.text() == answer.sentence
+
+
+def wait_for(qtbot: QtBot, window: MainWindow, answer: StopAnswer) -> None:
+    qtbot.waitUntil(lambda: says(window, answer))
 
 
 def test_sent_is_amber_then_at_rest_is_green_and_stays(
@@ -85,19 +92,18 @@ def test_sent_is_amber_then_at_rest_is_green_and_stays(
     qtbot.waitUntil(lambda: window._view is not None)
     parts = (window.readouts, window.interface, window.curves)
     before = [part.mapTo(window, part.rect().topLeft()) for part in parts]
-    press(qtbot, window)
-    qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    press(qtbot, window, SENT)
     qtbot.wait(50)
     assert [part.mapTo(window, part.rect().topLeft()) for part in parts] == before
     assert colour_of(window.notice) == theme.now().tones[Tone.WARN]
     run.then = REST
     run.stopped = False  # it ends later
     window._redraw_soon()
-    qtbot.waitUntil(lambda: says(window, REST.sentence))
+    wait_for(qtbot, window, REST)
     assert colour_of(window.notice) == theme.now().tones[Tone.GOOD]
     run.stopped = True
-    qtbot.waitUntil(lambda: window.outcome() is not None)
-    assert says(window, REST.sentence)
+    wait_for_end(qtbot, window)
+    assert says(window, REST)
     click(qtbot, window.notice.no)
     qtbot.wait(250)
     assert not window.notice.isVisible()
@@ -115,15 +121,15 @@ def test_failed_is_red_beeps_and_stays_until_it_is_dismissed(
     run.first, run.later = (MOVES, None) if at_once else (SENT, MOVES)
     window.begin()
     press(qtbot, window)
-    qtbot.waitUntil(lambda: says(window, MOVES.sentence))
+    wait_for(qtbot, window, MOVES)
     assert window.notice.text.text().startswith(CUT_POWER)
     assert window.notice.is_alarm
     assert colour_of(window.notice) == "#ffffff"
     assert window.notice.grab().toImage().pixelColor(9, 9).name() == "#c8202b"
     assert beeps == ["beep"]
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     qtbot.wait(250)
-    assert says(window, MOVES.sentence)
+    assert says(window, MOVES)
     click(qtbot, window.notice.no)
     qtbot.wait(250)
     assert not window.notice.isVisible()
@@ -137,7 +143,7 @@ def test_a_stage_that_could_not_be_stopped_is_told_though_nobody_pressed(
     qtbot.waitUntil(lambda: window._view is not None and window._view.stop == SENT)
     assert not window.notice.isVisible()  # a limit has stopped it, which the run says itself
     run.then = MOVES
-    qtbot.waitUntil(lambda: says(window, MOVES.sentence))
+    wait_for(qtbot, window, MOVES)
     assert beeps == ["beep"]
 
 
@@ -173,7 +179,7 @@ def test_nothing_is_sent_where_nothing_is_connected(
         window.begin()
         finish(qtbot, window, run)
     qtbot.keyClick(window, Qt.Key.Key_Escape)
-    qtbot.waitUntil(lambda: expected in window.notice.text.text())
+    wait_for_words(qtbot, window, expected)
     assert colour_of(window.notice) == theme.now().tones[Tone.NEUTRAL]
     window.toggle_theme()
     assert theme.now().name == "light"
@@ -189,8 +195,8 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
     qtbot.waitUntil(lambda: bool(runs) and runs[0].started)
     runs[0].later = REST
     press(qtbot, window)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
-    qtbot.waitUntil(lambda: says(window, REST.sentence))
+    wait_for_end(qtbot, window)
+    wait_for(qtbot, window, REST)
     qtbot.waitUntil(window.top.start.isEnabled)
     click(qtbot, window.top.start)
     qtbot.waitUntil(lambda: len(runs) == 2 and runs[1].started)
@@ -216,13 +222,12 @@ def test_a_view_that_was_asked_for_before_the_press_is_no_answer_to_it(
     window.begin()
     qtbot.waitUntil(asked.is_set)
     run.first, run.later, run.outcome = SENT, SENT, lambda: None  # type: ignore[method-assign]
-    press(qtbot, window)
-    qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    press(qtbot, window, SENT)
     goes_on.set()
     qtbot.waitUntil(lambda: window._view is not None and window._view.stop == run.then)
-    assert says(window, SENT.sentence)
+    assert says(window, SENT)
     run.then = REST
-    qtbot.waitUntil(lambda: says(window, REST.sentence))
+    wait_for(qtbot, window, REST)
 
 
 def test_an_answer_that_comes_when_the_next_run_was_stopped_is_none_to_that(
@@ -234,16 +239,15 @@ def test_an_answer_that_comes_when_the_next_run_was_stopped_is_none_to_that(
     first = runs[0]
     first.first, first.hangs = REST, threading.Event()
     press(qtbot, window)
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     window.begin()
     qtbot.waitUntil(lambda: len(runs) == 2 and runs[1].started)
     runs[1].outcome = lambda: None  # type: ignore[method-assign]
-    press(qtbot, window)
-    qtbot.waitUntil(lambda: says(window, SENT.sentence))
+    press(qtbot, window, SENT)
     first.hangs.set()
     qtbot.waitUntil(lambda: first.has_returned)
     runs[1].then = MOVES
-    qtbot.waitUntil(lambda: says(window, MOVES.sentence))
+    wait_for(qtbot, window, MOVES)
     assert not [text for _, text in window._logs.take() if REST.sentence in text]
 
 
@@ -263,7 +267,7 @@ def test_a_failure_is_shown_at_once_though_other_answers_come_before_it(
     for _ in range(20):  # an operator in a hurry
         press(qtbot, window)
     qtbot.waitUntil(lambda: window._view is not None and window._view.stop == MOVES)
-    assert says(window, MOVES.sentence)
+    assert says(window, MOVES)
     assert beeps
 
 

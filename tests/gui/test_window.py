@@ -19,7 +19,18 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QMenu, QMenuBar
 from pytestqt.qtbot import QtBot
 from scripted_run import ScriptedRun
-from window_hands import Open, begin, click, finish, make_run, model_of, shown
+from window_hands import (
+    Open,
+    begin,
+    click,
+    finish,
+    make_run,
+    model_of,
+    shown,
+    wait_for_end,
+    wait_for_frame,
+    wait_for_words,
+)
 
 from app.gui import window as window_module
 from app.gui.cells import DASH, readouts
@@ -113,7 +124,7 @@ def test_start_and_end_by_button_and_key(
     click(qtbot, window.top.stop)
     assert run.called.wait(60)
     assert run.calls == ["the operator ended the run"]
-    qtbot.waitUntil(lambda: window.outcome() is not None)
+    wait_for_end(qtbot, window)
     assert not window.top.stop.isEnabled()
     assert not window.top.start.isEnabled()  # nothing makes a next run
 
@@ -128,9 +139,9 @@ def test_stop_motion_works_whatever_the_run_does(
     window = open_window(run)
     window.begin()
     if kind is Raising:
-        qtbot.waitUntil(lambda: "the line went dead" in window.notice.text.text())
+        wait_for_words(qtbot, window, "the line went dead")
     if kind is Hanging:
-        qtbot.waitUntil(lambda: "has not answered" in window.notice.text.text())
+        wait_for_words(qtbot, window, "has not answered")
     assert window.top.stop_motion.isEnabled()
     for press in (
         lambda: qtbot.mousePress(window.top.stop_motion, Qt.MouseButton.LeftButton),
@@ -194,7 +205,7 @@ def test_stop_motion_works_while_the_window_can_not_draw(
 
     window.interface.show_view = broken  # type: ignore[method-assign]
     window.begin()
-    qtbot.waitUntil(lambda: "no such colour" in window.notice.text.text())
+    wait_for_words(qtbot, window, "no such colour")
     qtbot.waitUntil(lambda: len(views) > 3)
     # logged with the place where it happened, and not again at every redraw
     assert [record.exc_info is not None for record in caplog.records] == [True]
@@ -213,7 +224,7 @@ def test_a_stop_that_failed_stays_on_the_screen(
     window.stop_motion()
     qtbot.waitUntil(lambda: window.notice.is_alarm)
     run.at(30)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == 30)
+    wait_for_frame(qtbot, window, 30)
     health, run.health = run.health, lambda: 1 / 0  # type: ignore[method-assign, assignment]
     qtbot.waitUntil(lambda: bool(window._reported))
     run.health = health  # type: ignore[method-assign]
@@ -267,7 +278,7 @@ def test_a_passing_trouble_is_taken_back(
 ) -> None:
     window.begin()
     health, run.health = run.health, lambda: 1 / 0  # type: ignore[method-assign, assignment]
-    qtbot.waitUntil(lambda: "division by zero" in window.notice.text.text())
+    wait_for_words(qtbot, window, "division by zero")
     run.health = health  # type: ignore[method-assign]
     qtbot.waitUntil(lambda: not window.notice.isVisible())
 
@@ -300,7 +311,7 @@ def test_a_run_that_can_not_be_made_or_started_gives_a_sentence(
 
     window = open_window(model=model_of(none))
     window.stop_motion()
-    qtbot.waitUntil(lambda: "no bench is connected" in window.notice.text.text())
+    wait_for_words(qtbot, window, "no bench is connected")
     qtbot.keyClick(window, Qt.Key.Key_F5)
     sentence = "The run could not be made: camera: no such driver 'redlak'"
     qtbot.waitUntil(lambda: window.notice.text.text() == sentence)

@@ -36,7 +36,7 @@ def model_of(make: Callable[[], ScriptedRun]) -> WindowModel:
 def begin(qtbot: QtBot, window: MainWindow, run: ScriptedRun, frame: int) -> None:
     window.begin()
     run.at(frame)
-    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame)
+    wait_for_frame(qtbot, window, frame)
     turns = window._redraws
     turns._turned = turns._counted_at = 0.0  # all parts have their turn now
     qtbot.waitUntil(lambda: turns._turned > 0)
@@ -60,7 +60,22 @@ def look(run: ScriptedRun, previous: ViewState | None = None) -> ViewState:
 def finish(qtbot: QtBot, window: MainWindow, run: ScriptedRun) -> None:
     """Let a run come to its end, and the window see that."""
     run.at(run.frames)
+    wait_for_end(qtbot, window)
+
+
+def wait_for_end(qtbot: QtBot, window: MainWindow) -> None:
+    """Wait until the window has seen the run end."""
     qtbot.waitUntil(lambda: window.outcome() is not None)
+
+
+def wait_for_frame(qtbot: QtBot, window: MainWindow, frame: int) -> None:
+    """Wait until the window has seen all frames before this one."""
+    qtbot.waitUntil(lambda: window._view is not None and window._view.curves.seen == frame)
+
+
+def wait_for_words(qtbot: QtBot, window: MainWindow, words: str) -> None:
+    """Wait until the line for what is said contains these."""
+    qtbot.waitUntil(lambda: words in window.notice.text.text())
 
 
 def shown(qtbot: QtBot, widget: Shown, *size: int) -> Shown:
