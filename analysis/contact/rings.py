@@ -94,26 +94,26 @@ def ring_means(
             f"rings: a width of {width} up to {limit} was requested; it must be positive"
         )
     given = in_step("rings", r=r, values=values, theta=0.0 if theta is None else theta)
-    r, values, azimuth = given
-    chosen = np.isfinite(values) & np.isfinite(azimuth) & (r >= 0) & (r < limit)
-    r, values, azimuth = (of[chosen] for of in given)
-    n = int(limit // width) if r_max is not None else int(r.max() // width) + 1 if len(r) else 0
-    first, r, values, azimuth = _by_ring(r, values, azimuth, width, n)
-    floor = ROUNDING * float(np.abs(values).max(initial=0.0))
-    keep = ~_outlying(values, first, floor)
+    at, of, azimuth = given
+    chosen = np.isfinite(of) & np.isfinite(azimuth) & (at >= 0) & (at < limit)
+    at, of, azimuth = (each[chosen] for each in given)
+    n = int(limit // width) if r_max is not None else int(at.max() // width) + 1 if len(at) else 0
+    first, at, of, azimuth = _by_ring(at, of, azimuth, width, n)
+    floor = ROUNDING * float(np.abs(of).max(initial=0.0))
+    keep = ~_outlying(of, first, floor)
     if theta is None:
-        return _plain_means(r, values, first, keep, width)
-    columns, residual, rings = _columns(r, azimuth, first, width), values.copy(), np.arange(n)
+        return _plain_means(at, of, first, keep, width)
+    columns, residual, rings = _columns(at, azimuth, first, width), of.copy(), np.arange(n)
     fits = np.empty((n, COLUMNS)), np.empty(n)
-    _fit(columns, values, first, keep, rings, *fits, residual)
+    _fit(columns, of, first, keep, rings, *fits, residual)
     before = keep
     # outliers show better against the fit than against the ring's median
     keep = ~_outlying(residual, first, floor)
     rings = np.unique(np.searchsorted(first, np.flatnonzero(keep != before), side="right") - 1)
     if rings.size:
-        _fit(columns, values, first, keep, rings, *fits, residual)
-    return _fitted_means(_plain_means(r, values, first, keep, width), *fits, width,
-                         _squares(residual, first, keep, np.zeros(n)))  # fmt: skip
+        _fit(columns, of, first, keep, rings, *fits, residual)
+    squares = _squares(residual, first, keep, np.zeros(n))
+    return _fitted_means(_plain_means(at, of, first, keep, width), *fits, squares, width)
 
 
 def central_value(
@@ -371,7 +371,7 @@ def _fit(
 
 
 def _fitted_means(
-    plain: Rings, coefficients: F64, factor: F64, width: float, squares: F64
+    plain: Rings, coefficients: F64, factor: F64, squares: F64, width: float
 ) -> Rings:
     error = np.sqrt(squares / np.maximum(plain.count - COLUMNS, 1) * factor)
     fitted = np.isfinite(factor)

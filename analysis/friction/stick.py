@@ -83,7 +83,8 @@ def _unit_phi0(x: F64) -> F64:
     """Phi0(x; 1) from a table, within 1e-6: the closed form and its series would take most of the
     time of a fit.
     """
-    return _interpolated(np.ravel(x), *_phi0_table()).reshape(x.shape)
+    found: F64 = _interpolated(np.ravel(x), *_phi0_table())
+    return found.reshape(x.shape)
 
 
 @compiled

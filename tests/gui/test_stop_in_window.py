@@ -207,24 +207,27 @@ def test_the_next_run_begins_without_the_answer_to_the_last(
 def test_a_view_that_was_asked_for_before_the_press_is_no_answer_to_it(
     qtbot: QtBot, open_window: Open, run: Stopped
 ) -> None:
-    looks, asked, goes_on = run.look, threading.Event(), threading.Event()
+    looks, (asked, goes_on, is_taken) = run.look, (threading.Event() for _ in range(3))
 
     def slow_look(*seen: int, **shown: bool) -> RunView:
         view = looks(*seen, **shown)
         if view.stop is not None and not asked.is_set():
             asked.set()
             goes_on.wait(60)
+        elif goes_on.is_set():  # the window takes only the newest of several
+            is_taken.wait(60)
         return view
 
     run.look = slow_look  # type: ignore[method-assign]
-    run.then = at_rest("stage X", 2e-3)  # of a stop that was not pressed here
+    other = run.then = at_rest("stage X", 2e-3)  # of a stop that was not pressed here
     window = open_window(run)
     window.begin()
     qtbot.waitUntil(asked.is_set)
     run.first, run.later, run.outcome = SENT, SENT, lambda: None  # type: ignore[method-assign]
     press(qtbot, window, SENT)
     goes_on.set()
-    qtbot.waitUntil(lambda: window._view is not None and window._view.stop == run.then)
+    qtbot.waitUntil(lambda: window._view is not None and window._view.stop == other)
+    is_taken.set()
     assert says(window, SENT)
     run.then = REST
     wait_for(qtbot, window, REST)
