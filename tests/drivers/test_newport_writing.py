@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
 from types import SimpleNamespace
 
 import pytest
@@ -48,10 +49,18 @@ def test_an_answer_that_came_while_the_program_had_no_turn_is_read(newport, monk
                 time.sleep(1.1)
         return taken
 
+    line, place = stage.driver._ready(), "([0-9.]+)"
+    read, reads = line._port.read_until, count()
+
+    def beside_another(end):
+        if not next(reads):
+            wait_until(lambda: line._turns._waiters or second.done())
+        return read(end)
+
     monkeypatch.setattr(newport_line, "PATIENCE_S", 1.0)
     monkeypatch.setattr(newport_line, "ANSWER_S", 2.0)
     monkeypatch.setattr(os, "write", late)
-    line, place = stage.driver._ready(), "([0-9.]+)"
+    monkeypatch.setattr(line._port, "read_until", beside_another)
     with ThreadPoolExecutor() as others:
         # its time ended before it was sent: what has come is read all the same
         first = others.submit(line.ask, "TP", place, give_up=line.clock.read() - 1.0)
