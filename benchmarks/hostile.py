@@ -28,7 +28,7 @@ from spoiled_settings import VALUES, spoil_settings
 
 from analysis.options import options
 from app.cli import app
-from app.session.field_series import FieldsWriter
+from app.session.field_series import fields_file
 from app.session.reader import SessionReader
 from app.settings.config import from_record, load, tables
 
@@ -279,4 +279,5 @@ def make_whole(folder: Path) -> None:
     axis = np.arange(4.0)
     settings, units = {"reference": "r.tif", "box": 20}, {"box": "px"}
     fields = folder / "whole-fields.h5"
-    FieldsWriter(fields, ["a.tif"], axis, axis, ["ok"], settings, units).close()
+    with fields_file(fields, ["a.tif"], axis, axis, ["ok"], settings, units):
+        pass

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Callable
-from contextlib import closing
 from pathlib import Path
 
 import h5py
@@ -13,7 +12,7 @@ import pytest
 
 from app.files.field_files import FieldSeries, read_fields
 from app.files.inverting import with_centre
-from app.session.field_series import FieldsWriter
+from app.session.field_series import fields_file
 from app.system import disk
 from app.system.disk import DiskError
 from app.system.errors import UserError
@@ -98,17 +97,16 @@ def test_a_disk_that_is_full_is_an_error_of_its_own(
     monkeypatch.setattr(disk, "_write_all", limited)
     with (
         pytest.raises(DiskError, match="No space left"),
-        closing(FieldsWriter(path, ["a.tif"], X, Y, ["ok"], {"reference": "r.tif"}, {})) as writer,
+        fields_file(path, ["a.tif"], X, Y, ["ok"], {"reference": "r.tif"}, {}) as append,
     ):
-        writer.append(Field())
+        append(Field())
     path.unlink()  # nothing holds it
 
 
 def test_a_file_of_slipscope_dic(tmp_path: Path) -> None:
     settings = {"reference": "r.tif"}
-    writer = FieldsWriter(tmp_path / "f.h5", ["a.tif"], X, Y, ["ok"], settings, {})
-    with closing(writer):
-        writer.append(Field())
+    with fields_file(tmp_path / "f.h5", ["a.tif"], X, Y, ["ok"], settings, {}) as append:
+        append(Field())
     found = read_fields(tmp_path / "f.h5", 1e-6)
     np.testing.assert_allclose(arrays(found), 1e-6)
     np.testing.assert_allclose(found.y_m, Y * 1e-6)
@@ -160,7 +158,8 @@ def test_files_that_can_not_be_read(tmp_path: Path) -> None:
 def test_a_grid_that_is_none_is_refused(tmp_path: Path, name: str, value: float) -> None:
     path = tmp_path / "f.h5"
     settings = {"reference": "r.tif"}
-    FieldsWriter(path, ["a.tif", "b.tif"], X, Y, ["ok"], settings, {}).close()
+    with fields_file(path, ["a.tif", "b.tif"], X, Y, ["ok"], settings, {}):
+        pass
     with h5py.File(path, "r+") as file:
         file[f"/entry/fields/{name}"][1] = value
     with pytest.raises(UserError, match=r"f\.h5: its grid or its frames do not increase"):

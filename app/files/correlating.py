@@ -24,7 +24,7 @@ from analysis.settings import Correlation
 from app.evaluation.compiling import compile_correlation
 from app.files.field_files import FieldTable
 from app.files.grey_images import ImagePage, pictures_of, read_image, size_text
-from app.session.field_series import FieldsWriter
+from app.session.field_series import fields_file
 from app.system.errors import UserError
 from app.system.outputs import check_output, new_file
 from app.system.progress import HowFar, unheard
@@ -243,9 +243,9 @@ def _writer(
             yield lambda field: table.append(next(numbers), field, field.iterations)
     elif ending == ".h5":
         units = {name: option.unit or "1" for name, option in options(Correlation).items()}
-        writer = FieldsWriter(path, images, grid.x_px, grid.y_px, labels, settings, units)
-        with closing(writer):
-            yield writer.append
+        made = fields_file(path, images, grid.x_px, grid.y_px, labels, settings, units)
+        with made as append:
+            yield append
     else:
         fields: list[Field] = []
         yield fields.append

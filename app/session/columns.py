@@ -4,8 +4,9 @@ whole or not at all.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import h5py
@@ -200,6 +201,25 @@ def _make_empty(group: h5py.Group, column: Column, header: Header | None) -> h5p
 def storable(text: str) -> str:
     """The text as HDF5 can hold it: no null character, no half of a surrogate pair."""
     return text.replace("\0", "\\0").encode("utf-8", "backslashreplace").decode()
+
+
+@contextmanager
+def new_hdf5(
+    path: Path, *, libver: tuple[str, str] | None = None, **root: Any
+) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
+    """A new file to fill, with more attributes of its root, and a function that raises the first
+    failure of the disk. All of it is on the disk when the block ends.
+    """
+    path.touch(exist_ok=False)
+    disk, file = SparedFile(path), None
+    try:
+        file = h5py.File(disk, "w", libver=libver)
+        file.attrs.update({"NX_class": "NXroot", "creator": "SlipScope"} | root)
+        yield file, disk.check
+        file.close()
+        disk.sync()
+    finally:
+        let_go(disk, file)
 
 
 def let_go(disk: SparedFile, file: h5py.File | None) -> None:

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,11 +17,10 @@ from analysis.arrays import F64, floats
 from app.records.record_types import DisplacementField
 from app.records.schema import Column, columns_of
 from app.session.checked import NUMBER, CheckedFile
-from app.session.columns import label, let_go, mark, write
+from app.session.columns import label, mark, new_hdf5, write
 from app.session.dimension_scales import name_sides
 from app.session.layout import FORMAT_ATTRIBUTE, Group
 from app.session.results_layout import RESULTS_ATTRIBUTE
-from app.system.disk import SparedFile
 from app.system.errors import UserError
 
 _GROUP, _SIDES = "/entry/fields", ("fields", "ny", "nx")
@@ -53,17 +54,27 @@ _AXES = (
 )
 
 
-class FieldsWriter:
-    """Writes the fields of a series of images, one after the other.
+@contextmanager
+def fields_file(
+    path: Path,
+    images: Sequence[str],
+    x_px: F64,
+    y_px: F64,
+    status_names: Sequence[str],
+    settings: Mapping[str, int | float | str],
+    units: Mapping[str, str],
+) -> Iterator[Callable[[Any], None]]:
+    """A new file for the fields of a series of images: a function that writes the field of the next
+    image, an `analysis.dic.Field`. All of it is on the disk when the block ends.
 
-    Frame 1 is the first image after the reference. Use it with `contextlib.closing`.
+    Frame 1 is the first image after the reference.
 
     Parameters
     ----------
     path : Path
         The file, which must not exist.
     images : sequence of str
-        Names of the images, in order; one field of each follows by `append`.
+        Names of the images, in order; one field of each follows.
     x_px, y_px : ndarray, shape (nx,) and (ny,)
         Centres of the boxes.
     status_names : sequence of str
@@ -72,88 +83,49 @@ class FieldsWriter:
         How the fields were measured: name -> value; `reference` is the name of that image.
     units : mapping
         Name -> unit of the settings that are numbers.
+
+    Raises
+    ------
+    OSError
+        The disk did not take it.
     """
+    with new_hdf5(path, default="entry") as (file, check):
+        entry = file.create_group("entry")
+        entry.attrs["default"] = "fields"
+        entry["title"] = f"displacement from {settings['reference']}"
+        source = entry.create_group("settings")
+        source["images"] = np.array(list(images), dtype=h5py.string_dtype())
+        for name, value in settings.items():
+            source[name] = value
+            if not isinstance(value, str):
+                source[name].attrs["units"] = units[name]
+        others = tuple(column.name for column in _COLUMNS if column.name != "ux")
+        axes = tuple(column.name for column in _AXES)
+        mark(entry, Group("/entry", "NXentry"))
+        mark(source, Group("/entry/settings"))
+        mark(entry.create_group("fields"), Group(_GROUP, "NXdata", "ux", others, axes))
+        numbers = np.arange(1, len(images) + 1)
+        for axis, values in zip(_AXES, (numbers, y_px, x_px), strict=True):
+            label(write(file, axis.path, values, axis.dtype), axis)
+        shape = (len(images), len(y_px), len(x_px))
+        meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
+        for column in _COLUMNS:
+            dataset = file.create_dataset(column.path, shape, column.dtype, chunks=(1, *shape[1:]))
+            label(dataset, column)
+            if column.name == "status":
+                dataset.attrs["long_name"] = f"status: {meanings}"
+        shapes = {column.path: column.shape for column in (*_AXES, *_COLUMNS)}
+        name_sides(file, shapes, {str(axis.shape[0]): axis.path for axis in _AXES})
+        check()
+        rows = count()
 
-    def __init__(
-        self,
-        path: Path,
-        images: Sequence[str],
-        x_px: F64,
-        y_px: F64,
-        status_names: Sequence[str],
-        settings: Mapping[str, int | float | str],
-        units: Mapping[str, str],
-    ) -> None:
-        self._next = 0
-        path.touch(exist_ok=False)
-        self._disk = SparedFile(path)
-        self._file: Any = None
-        try:
-            self._file = file = h5py.File(self._disk, "w")
-            file.attrs.update({"NX_class": "NXroot", "default": "entry", "creator": "SlipScope"})
-            entry = file.create_group("entry")
-            entry.attrs["default"] = "fields"
-            entry["title"] = f"displacement from {settings['reference']}"
-            source = entry.create_group("settings")
-            source["images"] = np.array(list(images), dtype=h5py.string_dtype())
-            for name, value in settings.items():
-                source[name] = value
-                if not isinstance(value, str):
-                    source[name].attrs["units"] = units[name]
-            others = tuple(column.name for column in _COLUMNS if column.name != "ux")
-            axes = tuple(column.name for column in _AXES)
-            mark(entry, Group("/entry", "NXentry"))
-            mark(source, Group("/entry/settings"))
-            mark(entry.create_group("fields"), Group(_GROUP, "NXdata", "ux", others, axes))
-            numbers = np.arange(1, len(images) + 1)
-            for axis, values in zip(_AXES, (numbers, y_px, x_px), strict=True):
-                label(write(file, axis.path, values, axis.dtype), axis)
-            shape = (len(images), len(y_px), len(x_px))
-            meanings = ", ".join(f"{n}: {name}" for n, name in enumerate(status_names))
-            self._columns = {}
+        def append(field: Any) -> None:
+            row = next(rows)
             for column in _COLUMNS:
-                dataset = file.create_dataset(
-                    column.path, shape, column.dtype, chunks=(1, *shape[1:])
-                )
-                label(dataset, column)
-                if column.name == "status":
-                    dataset.attrs["long_name"] = f"status: {meanings}"
-                self._columns[column.attribute] = dataset
-            shapes = {column.path: column.shape for column in (*_AXES, *_COLUMNS)}
-            name_sides(file, shapes, {str(axis.shape[0]): axis.path for axis in _AXES})
-            self._disk.check()
-        except BaseException:
-            let_go(self._disk, self._file)
-            raise
+                file[column.path][row] = getattr(field, column.attribute)
+            check()
 
-    def append(self, field: Any, /) -> None:
-        """Write the field of the next image, an `analysis.dic.Field`.
-
-        Raises
-        ------
-        OSError
-            The disk did not take it.
-        """
-        for attribute, column in self._columns.items():
-            column[self._next] = getattr(field, attribute)
-        self._disk.check()
-        self._next += 1
-
-    def close(self) -> None:
-        """Close the file, all of which is then on the disk. May be called twice.
-
-        Raises
-        ------
-        OSError
-            The disk did not take all of it.
-        """
-        if self._disk.closed:
-            return
-        try:
-            self._file.close()
-            self._disk.sync()
-        finally:
-            let_go(self._disk, self._file)
+        yield append
 
 
 class FieldsHeld(NamedTuple):
@@ -170,7 +142,7 @@ class FieldsHeld(NamedTuple):
 
 
 def read_fields_file(path: Path) -> FieldsHeld:
-    """The fields of u_x in a file that `FieldsWriter` wrote.
+    """The fields of u_x in a file that `fields_file` wrote.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from app.records.snapshot_numbers import NUMBERS, ROW
 from app.records.study_results import Joint, RunResult, StudyResults
 from app.session import trust
 from app.session.checked import CheckedFile, Closable
-from app.session.columns import LIBVER, label, let_go, write
+from app.session.columns import LIBVER, label, new_hdf5, write
 from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.results_layout import (
     FRAMES,
@@ -37,7 +37,6 @@ from app.session.results_layout import (
     run_group,
 )
 from app.session.results_nexus import describe
-from app.system.disk import SparedFile
 from app.system.errors import UserError
 from app.system.outputs import new_file
 
@@ -60,26 +59,18 @@ def write_runs(
     UserError
         It cannot be written there, or a file of that name exists and may not be overwritten.
     """
-    with new_file(path, overwrite) as unfinished:
-        unfinished.touch()
-        disk = SparedFile(unfinished)
-        file = None
-        try:
-            file = h5py.File(disk, "w", libver=LIBVER)
-            root = {"NX_class": "NXroot", "creator": "SlipScope"}
-            versions = {RESULTS_ATTRIBUTE: RESULTS_VERSION, RECORDS_ATTRIBUTE: RECORDS_VERSION}
-            file.attrs.update(root | versions)
-            for n, run in enumerate(runs, 1):
-                _write_run(file, run_group(n), run)
-                disk.check()
-            _write_record(file, joint)
-            for place, texts in zip(MADE_WITH, (made_with, made_with.values()), strict=True):
-                write(file, place, texts, TEXT)
-            describe(file)
-            file.close()
-            disk.sync()
-        finally:
-            let_go(disk, file)
+    versions = {RESULTS_ATTRIBUTE: RESULTS_VERSION, RECORDS_ATTRIBUTE: RECORDS_VERSION}
+    with (
+        new_file(path, overwrite) as unfinished,
+        new_hdf5(unfinished, libver=LIBVER, **versions) as (file, check),
+    ):
+        for n, run in enumerate(runs, 1):
+            _write_run(file, run_group(n), run)
+            check()
+        _write_record(file, joint)
+        for place, texts in zip(MADE_WITH, (made_with, made_with.values()), strict=True):
+            write(file, place, texts, TEXT)
+        describe(file)
     trust.remember(path, "")  # our own, which needs no second look
 
 
