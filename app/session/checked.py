@@ -20,11 +20,20 @@ from app.session.contents import COPY, Refused, said_by
 from app.session.dataset_bytes import Dataset
 from app.session.files import check_not_recorded
 from app.session.journal import has_journal
-from app.session.layout import IMAGE
+from app.session.layout import FORMAT_ATTRIBUTE, FORMAT_VERSION, IMAGE
+from app.session.results_layout import RECORDS_ATTRIBUTE, RESULTS_ATTRIBUTE, RESULTS_VERSION
 from app.session.vetting import vetted
 from app.system.errors import MissingFile, UserError, spelled_out
 
 NUMBER = "number"  # any plain integer or float
+# attribute with the format -> what a file is that has it, what was wanted if it has not, the
+# command that writes it, and the newest format
+_RESULTS = "results of `slipscope analyze`", "a file of results", "analyze"
+KINDS = {
+    FORMAT_ATTRIBUTE: ("a session", "a SlipScope session", "run", FORMAT_VERSION),
+    RESULTS_ATTRIBUTE: (*_RESULTS, RESULTS_VERSION),
+    RECORDS_ATTRIBUTE: (*_RESULTS, FORMAT_VERSION),
+}
 _DAMAGE = (OSError, KeyError, ValueError, TypeError, OverflowError, MemoryError)
 
 
@@ -85,6 +94,22 @@ class CheckedFile(Closable):
     def format(self, attribute: str) -> int | None:
         """Which format it says it has in that attribute; None where it says nothing."""
         return self._contents.formats.get(attribute)
+
+    def checked_format(self, attribute: str) -> int:
+        """The same; UserError where it is no file of that kind, or newer than this program."""
+        version, (_, wanted, command, newest) = self.format(attribute), KINDS[attribute]
+        if version is None or version < 1:
+            known = (found for one, (found, *_) in KINDS.items() if self.format(one) is not None)
+            raise UserError(
+                f"{self.path}: {next(known, 'an HDF5 file')}, but not {wanted}; give a file that"
+                f" `slipscope {command}` wrote"
+            )
+        if version > newest:
+            raise UserError(
+                f"{self.path}: written by a newer SlipScope (format {version}, this one reads"
+                f" {newest}); bring SlipScope up to date"
+            )
+        return version
 
     @property
     def groups(self) -> tuple[str, ...]:

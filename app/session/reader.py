@@ -47,8 +47,7 @@ from app.session import layout, legacy
 from app.session.checked import CheckedFile, Closable
 from app.session.dataset_bytes import Dataset
 from app.session.datasets import counted_in, samples_of
-from app.session.layout import FORCES_CHUNK, FORMAT_VERSION, LATER, NO_ROW
-from app.session.results_layout import RESULTS_ATTRIBUTE
+from app.session.layout import FORCES_CHUNK, LATER, NO_ROW
 from app.system.errors import MissingFile, UserError
 from drivers.protocols import Frame, LostFrame
 
@@ -87,7 +86,7 @@ class SessionReader(Closable):
         self.file = CheckedFile(self.path, "session")
         self.altered: list[LostFrame | Gap] = []
         try:
-            self.format = self._checked_format()
+            self.format = self.file.checked_format(layout.FORMAT_ATTRIBUTE)
             for column in layout.COLUMNS if is_whole else ():
                 if column.group not in LATER and self.has(column):
                     self.dataset(column.path)
@@ -439,22 +438,6 @@ class SessionReader(Closable):
         """Whether a session of this format has a dataset, and this one if it is optional."""
         is_there = column.path not in layout.OPTIONAL or self.file.has(column.path)
         return column.since <= self.format and is_there
-
-    def _checked_format(self) -> int:
-        version = self.file.format(layout.FORMAT_ATTRIBUTE)
-        if version is None or version < 1:
-            is_results = self.file.format(RESULTS_ATTRIBUTE) is not None
-            found = "results of `slipscope analyze`" if is_results else "an HDF5 file"
-            raise UserError(
-                f"{self.path}: {found}, but not a SlipScope session; give a file that"
-                " `slipscope run` wrote"
-            )
-        if version > FORMAT_VERSION:
-            raise UserError(
-                f"{self.path}: written by a newer SlipScope (format {version}, this one reads"
-                f" {FORMAT_VERSION}); bring SlipScope up to date"
-            )
-        return version
 
     def _read(self, path: str) -> Any:
         column = layout.BY_PATH[path]

@@ -22,7 +22,6 @@ from app.records.study_results import Joint, RunResult, StudyResults
 from app.session import trust
 from app.session.checked import CheckedFile, Closable
 from app.session.columns import LIBVER, label, new_hdf5, write
-from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.results_layout import (
     FRAMES,
     MADE_WITH,
@@ -37,7 +36,6 @@ from app.session.results_layout import (
     run_group,
 )
 from app.session.results_nexus import describe
-from app.system.errors import UserError
 from app.system.outputs import new_file
 
 T = TypeVar("T")
@@ -115,7 +113,9 @@ class ResultsReader(Closable):
         self.path = Path(path)
         self._file = CheckedFile(self.path, "file of results")
         try:
-            self._version, self._records = self._checked_versions()
+            self._version, self._records = map(
+                self._file.checked_format, (RESULTS_ATTRIBUTE, RECORDS_ATTRIBUTE)
+            )
         except BaseException:
             self._file.close()
             raise
@@ -159,22 +159,6 @@ class ResultsReader(Closable):
         if len(names) != len(held):
             raise self._file.damaged(MADE_WITH[1], f"{len(held)} values for {len(names)} names")
         return dict(zip(names, held, strict=True))
-
-    def _checked_versions(self) -> tuple[int, int]:
-        version, records = map(self._file.format, (RESULTS_ATTRIBUTE, RECORDS_ATTRIBUTE))
-        if version is None or records is None or min(version, records) < 1:
-            is_session = self._file.format(FORMAT_ATTRIBUTE) is not None
-            found = "a session" if is_session else "an HDF5 file"
-            raise UserError(
-                f"{self.path}: {found}, but not a file of results; give one that `slipscope"
-                " analyze` wrote"
-            )
-        if version > RESULTS_VERSION or records > RECORDS_VERSION:
-            raise UserError(
-                f"{self.path}: written by a newer SlipScope (format {version} of results, this one"
-                f" reads {RESULTS_VERSION}); bring SlipScope up to date"
-            )
-        return version, records
 
     def _record(self, kind: type[T], group: str) -> T:
         """A record of a group; an array that came after the file is NaN, as long as those before
