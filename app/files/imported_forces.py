@@ -32,12 +32,14 @@ def measurements_of(
     config: Config,
     frames: list[ImportedTrigger],
     table: TextTable | None,
+    places: F64,
     forces: TextTable | None,
     sources: Sources,
     remarks: list[str],
 ) -> tuple[Measurements, float]:
     """What an import gives beside its images, and the standard uncertainty (s) of the start of a
-    drive that was looked for; what is not known is among the remarks.
+    drive that was looked for; what is not known is among the remarks. `places` are those of the
+    rows of `table` on the sample clock.
     """
     exposure, rate = config.exposure_samples, config.forces.sample_rate
     volts = np.empty((0, 2)) if forces is None else _volts(config, forces)
@@ -63,9 +65,10 @@ def measurements_of(
     for given in (forces, table):
         if given is not None and np.isfinite(given.numbers.get("stage", np.nan)).any():
             metres = given.numbers["stage"]
-            at, known = _row_samples(given, config, sources), np.isfinite(metres)
-            middle = exposure / 2 if given is table else 0.0
-            stage = np.interp(np.array(ends), at[known] + middle, metres[known])
+            at = clock_samples(given, float(rate)) if given is forces else places + exposure / 2
+            assert at is not None  # forces have times or a rate
+            known = np.isfinite(metres)
+            stage = np.interp(np.array(ends), at[known], metres[known])
             break
     gaps = _gaps(volts, int(LONGEST_GAP_S * rate))
     events = [Event(sample, "phase", str(phase)) for sample, phase in phases]
@@ -108,16 +111,6 @@ def rate_of(sources: Sources, given: set[str], forces: TextTable | None) -> int 
     near = (n for n in range(least, least + 8) if n * rate <= MOST_HZ)
     whole = (n for n in near if (n * rows).is_integer())
     return max(1, round(rate * next(whole, least)))
-
-
-def _row_samples(table: TextTable, config: Config, sources: Sources) -> F64:
-    """The sample of each row; where the table has no times, that of its number."""
-    at = clock_samples(table, float(config.forces.sample_rate))
-    if at is not None:
-        return at
-    rate, rows = config.forces.sample_rate, np.arange(table.rows, dtype=np.float64)
-    apart = rate / sources.frame_rate if sources.frame_rate else config.camera.divisor
-    return table.numbers.get("frame", rows) * apart
 
 
 def _gaps(volts: F64, longest: int) -> list[tuple[int, int]]:
