@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from changed_files import Change, changing, put
 from typer.testing import CliRunner
 
 from app.cli import app
@@ -24,7 +23,6 @@ SMALL = (
     *("run.normal_force=0.1", "run.travel=8", "limits.age=10", "run.reference_time=0.5"),
     *("run.background_time=0.3", "run.settle_time=0.2", "sim.press_time=0.3"),
 )
-Spoil = Callable[[h5py.File], None]
 
 
 @pytest.fixture(scope="module")
@@ -36,16 +34,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def put(path: str, value: Any, at: Any = ()) -> Spoil:
-    def spoil(file: h5py.File) -> None:
-        file[path][at] = value
-
-    return spoil
-
-
-def set_to(old: str, new: str) -> Spoil:
+def set_to(old: str, new: str) -> Change:
     """Other settings in the session."""
 
+    @changing
     def spoil(file: h5py.File) -> None:
         text = file["/entry/settings/toml"][()].decode()
         assert old in text
@@ -54,20 +46,19 @@ def set_to(old: str, new: str) -> Spoil:
     return spoil
 
 
-def reversed_(path: str) -> Spoil:
-    def spoil(file: h5py.File) -> None:
-        file[path][...] = file[path][...][::-1]
-
-    return spoil
+@changing
+def reversed_grid(file: h5py.File) -> None:
+    file["/entry/fields/y"][...] = file["/entry/fields/y"][...][::-1]
 
 
+@changing
 def shorter_grid(file: h5py.File) -> None:
     grid = file["/entry/fields/x"][1:]
     del file["/entry/fields/x"]
     file["/entry/fields/x"] = grid
 
 
-def resources(text: str) -> Spoil:
+def resources(text: str) -> Change:
     return put("/entry/run/resources", text)
 
 
@@ -83,7 +74,7 @@ def resources(text: str) -> Spoil:
         (put("/entry/fields/x", np.nan, 3), "info", "fields/x: it is no grid of boxes"),
         (put("/entry/fields/x", 1e308, 3), "info", "fields/x: it is 1e\\+308"),
         (put("/entry/fields/y", 1e6, -1), "info", "fields/y: it is no grid of boxes"),
-        (reversed_("/entry/fields/y"), "info", "fields/y: it is no grid of boxes"),
+        (reversed_grid, "info", "fields/y: it is no grid of boxes"),
         (shorter_grid, "invert", "fields/ux: its fields are"),
         (put("/entry/events/sample", -1, 2), "info", "events/sample: it is -1"),
         (put("/entry/events/sample", 2**63 - 1, 2), "info", "events/sample: it is 9.22"),
@@ -121,11 +112,10 @@ def resources(text: str) -> Spoil:
     ],
 )
 def test_a_changed_value_is_one_sentence(
-    recorded: Path, tmp_path: Path, spoil: Spoil, command: str, sentence: str
+    recorded: Path, tmp_path: Path, spoil: Change, command: str, sentence: str
 ) -> None:
     path = shutil.copy(recorded, tmp_path / "a.h5")
-    with h5py.File(path, "r+") as file:
-        spoil(file)
+    spoil(path)
     arguments = {
         "info": [],
         "export": ["-o", str(tmp_path / "a.npz")],

@@ -13,15 +13,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from changed_files import attribute, changing, linked, put, removed, replaced
 from hypothesis import HealthCheck, given, settings, strategies as st
-from session_material import (
-    CONTACT,
-    OUTCOME,
-    Session,
-    copy_recording,
-    make_writer,
-    record,
-)
+from session_material import Session, copy_recording, make_writer, record
 from spoiled import ask
 
 from app.evaluation.setup import header_of
@@ -131,91 +125,30 @@ def _foreign(path: Path) -> None:
         file["entry/data"] = np.arange(3)
 
 
-def _foreign_version(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file.attrs[FORMAT_ATTRIBUTE] = "one"
-
-
-def _newer(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file.attrs[FORMAT_ATTRIBUTE] = FORMAT_VERSION + 1
-
-
-def _missing_dataset(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["/entry/clock/divisor"]
-
-
-def _other_type(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["/entry/clock/divisor"]
-        file["/entry/clock/divisor"] = "125"
-
-
-def _other_rank(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["/entry/clock/divisor"]
-        file["/entry/clock/divisor"] = np.array([125])
-
-
-def _other_pair(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["/entry/contact/centre"]
-        file["/entry/contact/centre"] = np.array([1.0, 2.0, 3.0])
-
-
 def _link_to_another_file(path: Path) -> None:
     other = path.with_name("other.h5")
     shutil.copy(path, other)
-    with h5py.File(path, "r+") as file:
-        del file["/entry/settings"]
-        file["/entry/settings"] = h5py.ExternalLink(other.name, "/entry/settings")
+    linked("/entry/settings", h5py.ExternalLink(other.name, "/entry/settings"))(path)
 
 
 def _dataset_of_another_file(path: Path) -> None:
     other = path.with_name("secret.txt")
     other.write_bytes(bytes(16))
-    with h5py.File(path, "r+") as file:
-        del file["/entry/fields/y"]
-        file.create_dataset("/entry/fields/y", (2,), "f8", external=[(str(other), 0, 16)])
+    place = [(str(other), 0, 16)]
+    replaced("/entry/fields/y", shape=(2,), dtype="f8", external=place)(path)
 
 
-def _virtual_dataset(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["/entry/fields/y"]
-        source = h5py.VirtualLayout((2,), "f8")
-        source[:] = h5py.VirtualSource("other.h5", "/entry/fields/y", (2,))
-        file.create_virtual_dataset("/entry/fields/y", source)
+@changing
+def _virtual_dataset(file: h5py.File) -> None:
+    del file["/entry/fields/y"]
+    source = h5py.VirtualLayout((2,), "f8")
+    source[:] = h5py.VirtualSource("other.h5", "/entry/fields/y", (2,))
+    file.create_virtual_dataset("/entry/fields/y", source)
 
 
-def _absurd_size(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["/entry/forces/normal_force"].resize(2**50, axis=0)
-
-
-def _unknown_phase(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["/entry/results/phase"][3] = 77
-
-
-def _field_out_of_range(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["/entry/results/field"][3] = 4000
-
-
-def _rings_out_of_range(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["/entry/results/ring_count"][3] = -2
-
-
-def _image_out_of_range(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["/entry/triggers/image"][2] = 99
-
-
-def _broken_resources(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file["/entry/run/resources"][()] = "{"
+@changing
+def _absurd_size(file: h5py.File) -> None:
+    file["/entry/forces/normal_force"].resize(2**50, axis=0)
 
 
 @pytest.mark.parametrize(
@@ -226,20 +159,32 @@ def _broken_resources(path: Path) -> None:
         (_text, "not an HDF5 file"),
         (_cut, "cut short"),
         (_foreign, "not a SlipScope session"),
-        (_foreign_version, "not a SlipScope session"),
-        (_newer, "newer SlipScope \\(format 10, this one reads 9\\)"),
-        (_missing_dataset, "damaged at /entry/clock/divisor: it is missing"),
-        (_other_type, "damaged at /entry/clock/divisor: it is 0-dimensional text"),
-        (_other_rank, "damaged at /entry/clock/divisor: it is 1-dimensional"),
-        (_other_pair, r"damaged at /entry/contact/centre: its shape is \(3,\)"),
+        (attribute(FORMAT_ATTRIBUTE, "one"), "not a SlipScope session"),
+        (
+            attribute(FORMAT_ATTRIBUTE, FORMAT_VERSION + 1),
+            "newer SlipScope \\(format 10, this one reads 9\\)",
+        ),
+        (removed("/entry/clock/divisor"), "damaged at /entry/clock/divisor: it is missing"),
+        (
+            replaced("/entry/clock/divisor", data="125"),
+            "damaged at /entry/clock/divisor: it is 0-dimensional text",
+        ),
+        (
+            replaced("/entry/clock/divisor", data=[125]),
+            "damaged at /entry/clock/divisor: it is 1-dimensional",
+        ),
+        (
+            replaced("/entry/contact/centre", data=[1.0, 2.0, 3.0]),
+            r"damaged at /entry/contact/centre: its shape is \(3,\)",
+        ),
         (_link_to_another_file, "damaged at /entry/settings/toml: it is a link to elsewhere"),
         (_dataset_of_another_file, "damaged at /entry/fields/y: it is not a dataset of this file"),
         (_virtual_dataset, "damaged at /entry/fields/y: it is not a dataset of this file"),
         (_absurd_size, "damaged at /entry/forces/normal_force: it claims"),
-        (_unknown_phase, "damaged at /entry/results/phase: 77"),
-        (_field_out_of_range, "damaged at /entry/fields/ux: row 4000"),
-        (_rings_out_of_range, "damaged at /entry/results/ring_count: -2"),
-        (_image_out_of_range, "damaged at /entry/instrument/camera/data: row 99"),
+        (put("/entry/results/phase", 77, 3), "damaged at /entry/results/phase: 77"),
+        (put("/entry/results/field", 4000, 3), "damaged at /entry/fields/ux: row 4000"),
+        (put("/entry/results/ring_count", -2, 3), "damaged at /entry/results/ring_count: -2"),
+        (put("/entry/triggers/image", 99, 2), "damaged at /entry/instrument/camera/data: row 99"),
     ],
 )
 def test_bad_file_is_refused_with_a_sentence(
@@ -266,7 +211,7 @@ def test_what_was_not_closed_leads_to_its_journal(tmp_path: Path) -> None:
 
 
 def test_broken_resources_are_told(session: Session) -> None:
-    _broken_resources(session.path)
+    put("/entry/run/resources", "{")(session.path)
     with (
         SessionReader(session.path) as read,
         pytest.raises(UserError, match="damaged at /entry/run/resources"),
@@ -286,24 +231,17 @@ def test_frames_and_results_that_are_not_there(session: Session) -> None:
                 read.snapshot(i)
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The bytes of a finished session."""
-    writer, written = record(tmp_path_factory.mktemp("whole") / "whole.h5")
-    writer.append(CONTACT)
-    writer.append(OUTCOME)
-    writer.close()
-    return written.path.read_bytes()
-
-
 @pytest.mark.slow
 @settings(
     max_examples=60,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 @given(data=st.data())
-def test_damaged_file_is_read_or_refused(data: st.DataObject, whole: bytes, tmp_path: Path) -> None:
+def test_damaged_file_is_read_or_refused(
+    data: st.DataObject, recorded_once: Session, tmp_path: Path
+) -> None:
     """Cut anywhere, or with any bytes changed: never another exception than UserError."""
+    whole = recorded_once.path.read_bytes()
     spoiled = bytearray(whole)
     # most of a small file is empty chunks
     used = np.flatnonzero(np.frombuffer(whole, np.uint8)).tolist()

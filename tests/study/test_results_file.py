@@ -5,6 +5,7 @@ import warnings
 import h5py
 import numpy as np
 import pytest
+from changed_files import attribute, changing, removed, replaced
 from results_files import write_results
 
 from app.records.schema import values
@@ -118,16 +119,6 @@ def test_a_file_that_exists_is_not_replaced_unasked(results, written):
     assert written.read_bytes() == before
 
 
-def _newer(path):
-    with h5py.File(path, "r+") as file:
-        file.attrs[RESULTS_ATTRIBUTE] = 99
-
-
-def _missing(path):
-    with h5py.File(path, "r+") as file:
-        del file["run_000002/rings/ux"]
-
-
 def _text(path):
     path.write_text("a,b\n1,2\n")
 
@@ -144,29 +135,26 @@ def _flipped(path):
     path.write_bytes(content)
 
 
-def _shorter(path):
-    with h5py.File(path, "r+") as file:
-        held = file["run_000001/law/slip"][:-1]
-        del file["run_000001/law/slip"]
-        file["run_000001/law/slip"] = held
-
-
-def _other_type(path):
-    with h5py.File(path, "r+") as file:
-        del file["run_000001/summary/mu_s"]
-        file["run_000001/summary/mu_s"] = "high"
+@changing
+def _shorter(file):
+    held = file["run_000001/law/slip"][:-1]
+    del file["run_000001/law/slip"]
+    file["run_000001/law/slip"] = held
 
 
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (_newer, "written by a newer SlipScope"),
-        (_missing, "damaged at /run_000002/rings/ux: it is missing"),
+        (attribute(RESULTS_ATTRIBUTE, 99), "written by a newer SlipScope"),
+        (removed("run_000002/rings/ux"), "damaged at /run_000002/rings/ux: it is missing"),
         (_text, "not an HDF5 file"),
         (_cut, "cut short"),
         (_flipped, "damaged at /run_000001/rings/ux: the bytes are not those"),
         (_shorter, "damaged at /run_000001/law"),
-        (_other_type, "damaged at /run_000001/summary/mu_s: it is 0-dimensional text"),
+        (
+            replaced("run_000001/summary/mu_s", data="high"),
+            "damaged at /run_000001/summary/mu_s: it is 0-dimensional text",
+        ),
     ],
 )
 def test_a_spoiled_file_is_a_sentence(written, spoil, said):
