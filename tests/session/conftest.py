@@ -7,16 +7,14 @@ from copy import deepcopy
 from pathlib import Path
 
 import pytest
-from session_material import CONTACT, OUTCOME, Session, record
+from session_material import CONTACT, Session, finish, record
 
 
 @pytest.fixture(scope="session")
 def recorded_once(tmp_path_factory: pytest.TempPathFactory) -> Session:
     """A finished session and what went into it, for all tests: to be copied, not to be changed."""
     writer, written = record(tmp_path_factory.mktemp("session") / "session.h5")
-    writer.append(CONTACT)
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer, CONTACT)
     return written
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from app.records.record_types import (
     Outcome,
     Phase,
     Position,
+    Record,
     RingProfile,
     Samples,
     Snapshot,
@@ -33,6 +34,7 @@ from app.records.record_types import (
 )
 from app.records.summary import Summary
 from app.session.files import files_of
+from app.session.journal import journal_of
 from app.session.reader import SessionReader
 from app.session.recorder import SessionRecorder
 from drivers.protocols import Frame, LostFrame
@@ -204,6 +206,33 @@ def assert_same(path: Path, written: Session, lost: tuple[int, ...] = ()) -> Non
         )
         assert (3, 380, "no image within 0.5 s") in read.lost_frames()
         assert read.header.config_toml.startswith("[run]")
+
+
+def finish(writer: SessionRecorder, *last: Record) -> None:
+    """Give a session its last records and how the run ended, and close it."""
+    for record_ in (*last, OUTCOME):
+        writer.append(record_)
+    writer.close()
+
+
+def close_beside_journal(writer: SessionRecorder) -> None:
+    """Close as a kill between the last two steps leaves a session: with its journal."""
+    journal = journal_of(writer.path)
+    content = journal.read_bytes()
+    writer.close()
+    journal.write_bytes(content)
+
+
+def assert_identical(a: object, b: object) -> None:
+    """Two records are equal field by field: type, dtype, shape and every bit, NaN included."""
+    assert type(a) is type(b)
+    if is_dataclass(a):
+        for field in fields(a):
+            assert_identical(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, np.ndarray):
+        assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
+    else:
+        np.testing.assert_equal(a, b)
 
 
 def copy_recording(path: Path, to: Path) -> None:

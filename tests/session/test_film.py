@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 from PIL import Image
-from session_material import OUTCOME, SHAPE, make_snapshot, make_writer
+from session_material import OUTCOME, SHAPE, finish, make_snapshot, make_writer
 
 from app.files import film
 from app.files.exporting import export
@@ -51,8 +51,7 @@ def session_at(path: Path, *, count: int = COUNT, angle: float = 0.0) -> Path:
     for frame in range(1, count + 1):
         writer.append(Frame(frame, 5 + 125 * frame, np.zeros(SHAPE, np.uint8)))
         writer.append(snapshot_of(frame, angle=angle))
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     return path
 
 

@@ -5,13 +5,12 @@ recorded.
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 from zlib import crc32
 
 import h5py
 import pytest
-from session_material import Session, alter, copy_recording, record
+from session_material import Session, alter, close_beside_journal, record
 
 from app.cli.inspect import info
 from app.session.reader import SessionReader
@@ -108,9 +107,7 @@ def test_older_session_has_nothing_to_be_held_against(session: Session, capsys: 
 def test_a_session_is_held_against_the_journal_beside_it(tmp_path: Path, capsys: Capture) -> None:
     """As a kill between the last two steps of a close leaves it, with a force changed since."""
     writer, written = record(tmp_path / "a.h5")
-    copy_recording(written.path, tmp_path / "b.h5")
-    writer.close()
-    shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
+    close_beside_journal(writer)
     assert info(written.path, as_json=False, verify=True) == 0
     said = capsys.readouterr().out
     assert f"`slipscope repair {written.path} -o REPAIRED.h5` brings back what its" in said
@@ -124,9 +121,7 @@ def test_an_image_that_was_altered_with_its_checksum_is_told_by_the_journal(
     tmp_path: Path, capsys: Capture
 ) -> None:
     writer, written = record(tmp_path / "a.h5")
-    copy_recording(written.path, tmp_path / "b.h5")
-    writer.close()
-    shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
+    close_beside_journal(writer)
     with h5py.File(written.path, "r+") as file:
         image = file["/entry/instrument/camera/data"][5]  # of trigger 6
         image[3, 3] ^= 1

@@ -23,6 +23,8 @@ from session_material import (
     NAN,
     OUTCOME,
     SHAPE,
+    assert_identical,
+    finish,
     make_header,
     make_snapshot,
     make_writer,
@@ -74,8 +76,7 @@ def make_journal(path: Path) -> list[int]:
 def test_every_record_comes_back_to_the_bit(tmp_path: Path) -> None:
     make_journal(tmp_path / "j")
     for found, given in zip(read_journal(tmp_path / "j"), RECORDS, strict=True):
-        assert type(found) is type(given)
-        assert_same(found, given)
+        assert_identical(found, given)
 
 
 def test_a_journal_of_the_format_before_comes_back(tmp_path: Path) -> None:
@@ -97,22 +98,7 @@ def test_a_journal_of_the_format_before_comes_back(tmp_path: Path) -> None:
         content += journal_module._HEAD.pack(journal_module._MARK, crc32(rest)) + rest
     (tmp_path / "j").write_bytes(content)
     for found, given in zip(read_journal(tmp_path / "j"), RECORDS, strict=True):
-        assert_same(found, given)
-
-
-def assert_same(found: Any, given: Any) -> None:
-    """Two records are equal to the bit."""
-    if dataclasses.is_dataclass(given):
-        for field in dataclasses.fields(given):
-            assert_same(getattr(found, field.name), getattr(given, field.name))
-    elif isinstance(given, np.ndarray):
-        assert (found.dtype, found.shape, found.tobytes()) == (
-            given.dtype,
-            given.shape,
-            given.tobytes(),
-        )
-    else:
-        np.testing.assert_equal(found, given)
+        assert_identical(found, given)
 
 
 @pytest.mark.parametrize(
@@ -278,8 +264,7 @@ def test_full_disk_leaves_no_half_record_and_is_not_asked_again(
 def test_clean_close_gives_a_receipt_and_removes_the_journal(tmp_path: Path) -> None:
     writer, written = record(tmp_path / "clean.h5")
     assert journal_of(written.path).exists()
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     assert not journal_of(written.path).exists()
     receipt = writer.receipt
     assert receipt is not None

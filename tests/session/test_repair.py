@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,9 @@ from session_material import (
     Session,
     alter,
     assert_same,
+    close_beside_journal,
     copy_recording,
+    finish,
     make_header,
     make_snapshot,
     make_writer,
@@ -178,9 +179,7 @@ def test_a_map_of_the_pixels_that_can_not_be_read_is_left_out(
     """All else comes back, and the sentence and the session say what that means."""
     gain = np.full(SHAPE, 1.25, np.float32)
     writer, written = record(tmp_path / "a.h5", pattern=PixelPattern(gain, np.zeros_like(gain)))
-    writer.append(CONTACT)
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer, CONTACT)
     with SessionReader(tmp_path / "a.h5") as read:
         assert_array_equal(read.pattern().gain, gain)
     if damage == "altered":
@@ -213,8 +212,7 @@ def test_forces_that_can_not_be_read_become_a_gap(tmp_path: Path) -> None:
     writer.append(Samples(0, volts[:4090], forces[:4090]))
     writer.append(Samples(4110, volts[4110:8990], forces[4110:8990]))
     writer.append(Gap(8990, 10, "overflow"))
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     alter(tmp_path / "altered.h5", "/entry/forces/shear_sensor", 5000)
     repaired = repair(tmp_path / "altered.h5", tmp_path / "repaired.h5")
     assert (repaired.source, repaired.found.unread) == ("file", 4082)
@@ -367,32 +365,6 @@ def test_failed_repair_leaves_no_output_and_the_earlier_one(
     assert (tmp_path / "repaired.h5").read_bytes() == b"earlier"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "seed", [*range(20), *(pytest.param(n, marks=pytest.mark.long) for n in range(20, 60))]
-)
-def test_a_flipped_bit_of_the_journal_costs_no_image_and_one_block_of_samples_at_most(
-    cut_once: Path, tmp_path: Path, seed: int
-) -> None:
-    path = tmp_path / "cut.h5"
-    copy_recording(cut_once, path)
-    content = bytearray(journal_of(path).read_bytes())
-    bit = int(np.random.default_rng(seed).integers(8 * len(content)))
-    content[bit // 8] ^= 1 << bit % 8
-    journal_of(path).write_bytes(content)
-    repaired = repair(path, tmp_path / "repaired.h5")
-    assert (repaired.receipt.frames, repaired.found.torn, repaired.found.results) == (7, 0, 6)
-    assert repaired.receipt.samples - repaired.found.unread >= 750
-    assert repaired.found.damaged_bytes > 0
-    assert not repaired.found.is_whole
-
-
-@pytest.fixture(scope="module")
-def cut_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session that was cut short, to be copied."""
-    return cut_short(tmp_path_factory.mktemp("cut")).path
-
-
 def test_the_command_ends_with_1_where_something_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -427,10 +399,8 @@ def test_a_record_that_somebody_changed_is_told(tmp_path: Path) -> None:
 def test_a_session_that_was_given_its_name_but_kept_its_journal_is_whole(tmp_path: Path) -> None:
     """As a kill between the last two steps of a close leaves it."""
     writer, written = record(tmp_path / "a.h5")
-    copy_recording(written.path, tmp_path / "b.h5")
     writer.append(OUTCOME)
-    writer.close()
-    shutil.copy(tmp_path / "b.h5.journal", tmp_path / "a.h5.journal")
+    close_beside_journal(writer)
     assert repair(written.path, tmp_path / "repaired.h5").output is None
 
 

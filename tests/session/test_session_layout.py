@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from nexusformat import nexus
 from numpy.testing import assert_array_equal
-from session_material import CONTACT, OUTCOME, SHAPE, Session, make_snapshot, make_writer
+from session_material import CONTACT, SHAPE, Session, finish, make_snapshot, make_writer
 
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import (
@@ -45,9 +45,7 @@ def test_a_further_analysis_names_its_source(tmp_path: Path) -> None:
         source=SourceSession("a.h5", "2026-11-21T12:00:00+00:00"),
         pattern=PixelPattern(np.ones(SHAPE, np.float32), np.zeros(SHAPE, np.float32)),
     )
-    writer.append(CONTACT)
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer, CONTACT)
     assert_laid_out(tmp_path / "b.h5", without=("/entry/auxiliary",))
 
 
