@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import pytest
 import typer
+from python_program import python
 from typer.testing import Result
 
 from analysis.settings import PRESETS
@@ -64,15 +62,7 @@ HEAVY = {"PySide6", "pyqtgraph", "h5py", "numba", "cv2", "matplotlib", "scipy"}
 
 def completed(folder: Path, lines: Iterable[str]) -> tuple[dict[str, list[str]], set[str]]:
     """What is offered for each line in a folder, and the modules that this has loaded."""
-    done = subprocess.run(
-        [sys.executable, "-c", ASK, json.dumps(list(lines))],
-        cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
+    done = python("-c", ASK, json.dumps(list(lines)), cwd=folder)
     assert done.returncode == 0, done.stderr
     found, loaded = json.loads(done.stdout)
     return {line: [one for one in words if one] for line, words in found.items()}, set(loaded)
@@ -117,15 +107,7 @@ def test_other_shells_show_the_meaning(shell: str) -> None:
         "_TYPER_COMPLETE_WORD_TO_COMPLETE": "dic.bo",
     }
     code = "from app.cli import program; program.app(prog_name='slipscope')"
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=Path(__file__).parents[2],
-        env=os.environ | asked,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
+    done = python("-c", code, environment=asked)
     assert "dic.box=" in done.stdout, done.stderr
     assert dict(completion.settings("dic.box"))["dic.box="].split(",")[0] in done.stdout
 

@@ -3,16 +3,13 @@ different; and what it says of both processors.
 """
 
 import json
-import os
 import platform
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from python_program import python
 from session_material import make_snapshot
 from short_run import SHORT
 from whole_runs import recorded
@@ -20,8 +17,6 @@ from whole_runs import recorded
 from app.replay.comparison import Comparison, processor_of
 from app.session.layout import FORMAT_VERSION
 from app.session.versions import processor, versions
-
-ROOT = Path(__file__).parents[2]
 
 
 def compared(*pairs):
@@ -113,15 +108,8 @@ def test_a_replay_on_another_processor_says_how_far_it_agrees(tmp_path, other, n
         return
     recorded(tmp_path / "a.h5", *SHORT, "run.travel=4", "dic.threads=1")
     (tmp_path / "a.png").write_bytes(b"mine")  # which it would take its time to draw
-    done = subprocess.run(
-        [sys.executable, "-m", "app", "replay", "a.h5", "--headless", "--json"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)} | other,
-        capture_output=True,
-        text=True,
-        timeout=500,
-        check=False,
-    )
+    words = ("replay", "a.h5", "--headless", "--json")
+    done = python("-m", "app", *words, cwd=tmp_path, environment=other, timeout=500)
     assert (done.returncode, done.stderr) == (0, "")
     said = json.loads(done.stdout)["comparison"]
     assert said["verdict"].startswith("agrees within ")
@@ -144,14 +132,7 @@ def test_the_same_instructions_can_be_asked_of_all_processors(has_them):
         "from app.session.versions import versions\n"
         "print(versions()['instructions'])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=400,
-        check=False,
-    )
+    done = python("-c", code)
     if has_them:
         assert done.stdout.startswith("x86-64-v3; numpy "), done.stderr
         assert "AVX512" not in done.stdout

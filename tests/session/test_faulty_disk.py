@@ -4,9 +4,7 @@ ends with a sentence.
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
 import sys
 from itertools import product
 from pathlib import Path
@@ -15,8 +13,7 @@ import numpy as np
 import pytest
 from faulty_disk import COMPILER, FAULTS, FaultyDisk, build, environment, make_control
 from killed_recorder import Recording
-
-ROOT = Path(__file__).parents[2]
+from python_program import python
 
 pytestmark = [
     pytest.mark.skipif(not sys.platform.startswith("linux"), reason="loads a library first"),
@@ -58,10 +55,7 @@ os.rename("torn", "kept")
 def test_some_operations_of_each_scenario() -> None:
     """Of `benchmarks/faults.py`, which goes through all of them."""
     words = ["recording", "repair", "--every", "1000", "--workers", "1"]
-    command = [sys.executable, "-m", "benchmarks", "faults", *words]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=500
-    )
+    done = python("-m", "benchmarks", "faults", *words, timeout=500)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"of them wrong +0 ", done.stdout)
     for scenario, fault in product(("recording", "repair"), FAULTS):
@@ -90,12 +84,8 @@ def test_a_write_that_hdf5_was_not_told_of_is_the_reason_that_is_given(tmp_path:
     make_control(tmp_path / "control")
     FaultyDisk(tmp_path / "control", str(tmp_path / "case")).arm(FAULTS["error"], 4)
     (tmp_path / "case").mkdir()
-    env = os.environ | environment(build(tmp_path), tmp_path / "control")
-    env["PYTHONPATH"] = os.pathsep.join(map(str, (ROOT, Path(__file__).parent)))
-    command = [sys.executable, "-c", OFFLINE, tmp_path / "case/made.h5"]
-    done = subprocess.run(
-        command, env=env, capture_output=True, text=True, check=False, timeout=400
-    )
+    faulty = environment(build(tmp_path), tmp_path / "control")
+    done = python("-c", OFFLINE, tmp_path / "case/made.h5", environment=faulty)
     assert re.search(r"made\.h5: it cannot be written: Input/output error", done.stdout)
     assert list((tmp_path / "case").iterdir()) == []
 
@@ -107,11 +97,8 @@ def run(folder: Path, fault: str, at: int) -> tuple[int, FaultyDisk]:
     make_control(control)
     disk = FaultyDisk(control, str(folder / "case"))
     disk.arm(FAULTS[fault], at)
-    env = os.environ | environment(build(folder), control)
-    command = [sys.executable, "-c", WRITES]
-    done = subprocess.run(
-        command, cwd=folder / "case", env=env, capture_output=True, check=False, timeout=400
-    )
+    faulty = environment(build(folder), control)
+    done = python("-c", WRITES, cwd=folder / "case", environment=faulty)
     return done.returncode, disk
 
 

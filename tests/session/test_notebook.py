@@ -7,15 +7,13 @@ from __future__ import annotations
 import dataclasses
 import gzip
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 from zlib import crc32
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from python_program import python
 from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, Session as Written, make_writer, record
 
 from app.records.record_types import (
@@ -202,11 +200,7 @@ def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, che
 
 
 def test_the_example_of_the_documentation_runs(session: Written) -> None:
-    env = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, str(ROOT / "docs/read_session.py"), str(session.path)]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=400, env=env
-    )
+    done = python(ROOT / "docs/read_session.py", session.path)
     assert done.returncode == 0, done.stderr
     assert "1003 samples, 8 triggers, lost: [(3, 380, 'no image within 0.5 s')]" in done.stdout
     assert f"mean grey level of frame 7: {session.images[7].mean():.1f}" in done.stdout

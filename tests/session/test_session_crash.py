@@ -18,11 +18,14 @@ import h5py
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from python_program import FOLDERS, python
 from session_material import (
     COUNTS,
     OUTCOME,
     SHAPE,
+    close_beside_journal,
     copy_recording,
+    finish,
     make_snapshot,
     make_writer,
     record,
@@ -66,10 +69,7 @@ sys.stdin.read()
 @pytest.mark.parametrize("end", ["exit", "kill"])
 def test_killed_program_leaves_everything_that_it_was_given(tmp_path: Path, end: str) -> None:
     path = tmp_path / "killed.h5"
-    root = Path(__file__).parents[2]
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])
-    }
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
     command = [sys.executable, "-c", KILLED, str(path), end]
     with subprocess.Popen(
         command, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -142,12 +142,7 @@ def test_frames_that_the_disk_did_not_take_are_lost_with_that_reason(
     recorder = Recorder(writer, 9.0, 1 << 24, 0.4, sender_waits=True, on_failure=failures.append)
     for n in range(50):
         recorder.append(Frame(n, 5 + 125 * n, image_of(n)))
-    threads = [threading.Thread(target=work) for _, work in recorder.works()]
-    for thread in threads:
-        thread.start()
-    recorder.end()
-    for thread in threads:
-        thread.join()
+    run_to_end(recorder)
     writer.close()
     assert (recorder.frames_recorded, recorder.frames_refused) == (20, 30)
     assert len(failures) == 1
@@ -157,6 +152,22 @@ def test_frames_that_the_disk_did_not_take_are_lost_with_that_reason(
         assert read.triggers()["index"].tolist() == list(range(50))
         assert [index for index, _, _ in read.frames()] == list(range(20))
         assert {reason for _, _, reason in read.lost_frames()} == {"it could not be recorded"}
+
+
+def started(recorder: Recorder) -> list[threading.Thread]:
+    """Its works, each in a thread."""
+    threads = [threading.Thread(target=work) for _, work in recorder.works()]
+    for thread in threads:
+        thread.start()
+    return threads
+
+
+def run_to_end(recorder: Recorder) -> None:
+    """Let a recorder do all that it was given."""
+    threads = started(recorder)
+    recorder.end()
+    for thread in threads:
+        thread.join()
 
 
 def image_of(frame: int) -> np.ndarray:
@@ -175,9 +186,7 @@ def test_a_disk_that_stands_still_holds_up_nothing_but_its_sync(
     monkeypatch.setattr(os, "fsync", lambda number: (goes_on.wait(60), sync(number)))
     failures: list[str] = []
     recorder = Recorder(writer, 1.0, 1 << 24, 0.1, sender_waits=False, on_failure=failures.append)
-    threads = [threading.Thread(target=work) for _, work in recorder.works()]
-    for thread in threads:
-        thread.start()
+    threads = started(recorder)
     for n in range(100):
         recorder.append(Frame(n, n, image_of(n)))
         recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
@@ -195,7 +204,7 @@ def test_a_disk_that_stands_still_holds_up_nothing_but_its_sync(
 
 
 FULL = """
-import resource, signal, sys, threading
+import resource, signal, sys
 from pathlib import Path
 import numpy as np
 from app.system import disk
@@ -204,7 +213,7 @@ from app.acquisition.recorder_thread import Recorder
 from app.records.record_types import End, Outcome, Samples
 from drivers.protocols import Frame
 from session_material import COUNTS, SHAPE, make_writer
-from test_session_crash import image_of
+from test_session_crash import image_of, run_to_end
 writer = make_writer(Path(sys.argv[1]))
 failures = []
 recorder = Recorder(writer, 1.0, 1 << 30, 0.4, sender_waits=True, on_failure=failures.append)
@@ -213,12 +222,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
 for n in range(2000):
     recorder.append(Frame(n, n, image_of(n)))
     recorder.append(Samples(n, np.full((1, 2), n), np.full((1, 2), -n)))
-threads = [threading.Thread(target=work) for _, work in recorder.works()]
-for thread in threads:
-    thread.start()
-recorder.end()
-for thread in threads:
-    thread.join()
+run_to_end(recorder)
 print(recorder.frames_recorded, recorder.frames_refused, *failures[:1], flush=True)
 ended = Outcome(End.FAILED, "the disk is full", COUNTS, None)
 for step in (lambda: writer.append(ended), writer.close):
@@ -239,14 +243,7 @@ def test_a_disk_that_takes_no_more_ends_by_name_and_loses_nothing(
     """
     pytest.importorskip("resource")
     path = tmp_path / "full.h5"
-    root = Path(__file__).parents[2]
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(root), str(Path(__file__).parent)])
-    }
-    command = [sys.executable, "-c", FULL, str(path), str(most)]
-    done = subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=400, check=False
-    )
+    done = python("-c", FULL, path, most)
     assert (done.returncode, done.stderr) == (0, "")
     recorded, refused, failure = done.stdout.splitlines()[0].split(" ", 2)
     assert failure.startswith("recorder: the session cannot be written: ")
@@ -279,8 +276,7 @@ def test_a_file_that_is_taken_away_is_noticed_and_the_recording_goes_on_beside(
         shutil.rmtree(folder)
     writer.flush()
     writer.append(Frame(8, 1005, np.ones(SHAPE, np.uint8)))
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     assert writer.path == folder / ("a.h5" if fate == "folder removed" else "a-2.h5")
     with SessionReader(writer.path) as read:
         assert_array_equal(read.forces().volts, written.volts)
@@ -295,8 +291,7 @@ def test_a_file_that_is_taken_away_is_noticed_and_the_recording_goes_on_beside(
 def test_a_session_that_appeared_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
     writer, written = record(tmp_path / "a.h5")
     written.path.write_bytes(b"precious")
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     assert written.path.read_bytes() == b"precious"
     assert writer.path == tmp_path / "a-2.h5"
     with SessionReader(writer.path) as read:
@@ -308,10 +303,8 @@ def test_a_session_that_a_power_cut_left_two_names_is_whole_and_stays(tmp_path: 
     """Its close gives the file of images the name of the session, and then takes the old one."""
     writer, written = record(tmp_path / "a.h5")
     writer.append(OUTCOME)
-    journal = journal_of(written.path).read_bytes()
-    writer.close()
+    close_beside_journal(writer)
     whole = written.path.read_bytes()
-    journal_of(written.path).write_bytes(journal)
     os.link(written.path, images_of(written.path))
     repaired = repair(written.path, tmp_path / "b.h5")
     assert (repaired.output, repaired.receipt.checksum) == (None, writer.receipt.checksum)
@@ -354,8 +347,7 @@ def test_frames_that_come_before_a_removed_folder_is_noticed_are_kept(tmp_path: 
     writer.append(Frame(9, 1006, np.ones(SHAPE, np.uint8)))
     shutil.rmtree(folder)
     writer.append(Frame(10, 1007, np.ones(SHAPE, np.uint8)))
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     with SessionReader(writer.path) as read:
         assert [index for index, _, _ in read.frames()] == [*written.images, 8, 9, 10]
         assert len([event for event in read.events() if event.kind == "recording"]) == 2
@@ -419,8 +411,7 @@ def test_what_no_session_could_be_made_of_is_refused_at_once(tmp_path: Path, odd
     writer, written = record(tmp_path / "a.h5", sample_rate_hz=100_000.0)
     with pytest.raises(ValueError, match=r"channels|are missing|profile|takes"):
         writer.append(odd)
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     with SessionReader(written.path) as read:
         assert len(read.forces().volts) == 1003
 
@@ -431,12 +422,7 @@ def test_results_that_fail_cost_no_image(tmp_path: Path) -> None:
     for n in range(20):
         recorder.append(Frame(n, 5 + 125 * n, image_of(n)))
         recorder.append(replace(make_snapshot(n), rings=RingProfile(*[np.zeros((2, 2))] * 3)))
-    threads = [threading.Thread(target=work) for _, work in recorder.works()]
-    for thread in threads:
-        thread.start()
-    recorder.end()
-    for thread in threads:
-        thread.join()
+    run_to_end(recorder)
     writer.close()
     assert (recorder.frames_recorded, recorder.frames_refused, len(failures)) == (20, 0, 1)
 
@@ -452,8 +438,7 @@ def test_the_images_are_not_copied_where_they_can_stay(
     inode = images_of(path).stat().st_ino
     for n, picture in enumerate(pictures):
         writer.append(Frame(n, 5 + 125 * n, picture))
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     stays = compression == "none" and count == 40
     assert (path.stat().st_ino == inode) == stays
     with h5py.File(path) as file:

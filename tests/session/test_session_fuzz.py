@@ -4,7 +4,6 @@ sentence, at once and in little memory.
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import struct
@@ -16,6 +15,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from changed_files import attribute, changing, linked, put, replaced
+from python_program import python
 from session_material import Session, make_writer
 from spoiled import ask, lookup3
 
@@ -26,18 +27,13 @@ from app.session.layout import FORMAT_ATTRIBUTE
 from app.session.reader import SessionReader
 from app.system.errors import UserError
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="the limits of a process are POSIX's")
 def test_spoiled_sessions_and_settings_are_read_or_refused() -> None:
     """Some of the cases of `benchmarks/fuzz.py`, which holds them to their limits of time."""
     words = ["fuzz", "18", "0", "--workers", "1", "--longest", "200"]
-    command = [sys.executable, "-m", "benchmarks", *words]
-    done = subprocess.run(
-        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=500
-    )
+    done = python("-m", "benchmarks", *words, timeout=500)
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"cases +18\n", done.stdout)
 
@@ -82,57 +78,32 @@ def _text_not_utf8(path: Path) -> None:
     _overwrite(path, path.read_bytes().index(b"the travel is done"), b"\xff\xfe")
 
 
-def _many_times_the_same_text(path: Path) -> None:
+@changing
+def _many_times_the_same_text(file: h5py.File) -> None:
     """A hundred thousand rows that lead to one text of a megabyte."""
-    with h5py.File(path, "r+") as file:
-        reason = file["/entry/triggers/reason"]
-        reason[0] = "x" * 10**6
-        first = reason.id.read_direct_chunk((0,))[1][:16]
-        for name in ("index", "sample", "image", "reason", "analysed", "checksum"):
-            file[f"/entry/triggers/{name}"].resize(10**5, axis=0)
-        for row in range(0, 10**5, 1024):
-            reason.id.write_direct_chunk((row,), first * 1024)
+    reason = file["/entry/triggers/reason"]
+    reason[0] = "x" * 10**6
+    first = reason.id.read_direct_chunk((0,))[1][:16]
+    for name in ("index", "sample", "image", "reason", "analysed", "checksum"):
+        file[f"/entry/triggers/{name}"].resize(10**5, axis=0)
+    for row in range(0, 10**5, 1024):
+        reason.id.write_direct_chunk((row,), first * 1024)
 
 
-def _replaced(path: str, **made: object) -> Callable[[Path], None]:
-    def spoil(session: Path) -> None:
-        with h5py.File(session, "r+") as file:
-            del file[path]
-            file.create_dataset(path, **made)
-
-    return spoil
-
-
-def _foreign_filter(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        del file["/entry/forces/normal_force"]
-        how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-        how.set_chunk((4096,))
-        how.set_filter(32015, h5py.h5z.FLAG_OPTIONAL)  # zstd, which is a plug-in
-        space = h5py.h5s.create_simple((1003,), (h5py.h5s.UNLIMITED,))
-        h5py.h5d.create(file["/entry/forces"].id, b"normal_force", h5py.h5t.IEEE_F64LE, space, how)
+@changing
+def _foreign_filter(file: h5py.File) -> None:
+    del file["/entry/forces/normal_force"]
+    how = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    how.set_chunk((4096,))
+    how.set_filter(32015, h5py.h5z.FLAG_OPTIONAL)  # zstd, which is a plug-in
+    space = h5py.h5s.create_simple((1003,), (h5py.h5s.UNLIMITED,))
+    h5py.h5d.create(file["/entry/forces"].id, b"normal_force", h5py.h5t.IEEE_F64LE, space, how)
 
 
-def _link(path: str, link: object) -> Callable[[Path], None]:
-    def spoil(session: Path) -> None:
-        with h5py.File(session, "r+") as file:
-            del file[path]
-            file[path] = file["/entry"] if link is None else link
-
-    return spoil
-
-
-def _number(path: str, value: float) -> Callable[[Path], None]:
-    def spoil(session: Path) -> None:
-        with h5py.File(session, "r+") as file:
-            file[path][()] = value
-
-    return spoil
-
-
-def _huge_attribute(path: Path) -> None:
-    with h5py.File(path, "r+") as file:
-        file.attrs[FORMAT_ATTRIBUTE] = np.zeros(4000, np.int64)
+@changing
+def _cycle(file: h5py.File) -> None:
+    del file["/entry/clock"]
+    file["/entry/clock"] = file["/entry"]
 
 
 def _block_before(path: Path) -> None:
@@ -154,24 +125,24 @@ def _block_before(path: Path) -> None:
             f"damaged at /entry/triggers/reason: its texts claim more than {LARGEST_TEXTS} bytes",
         ),
         (
-            _replaced("/entry/run/reason", data=np.bytes_("fixed")),
+            replaced("/entry/run/reason", data=np.bytes_("fixed")),
             "damaged at /entry/run/reason: it is 0-dimensional",
         ),
         (
-            _replaced("/entry/run/reason", shape=(), dtype=h5py.ref_dtype),
+            replaced("/entry/run/reason", shape=(), dtype=h5py.ref_dtype),
             "damaged at /entry/run/reason: it is 0-dimensional",
         ),
         (
-            _replaced("/entry/clock/divisor", shape=(), dtype=h5py.regionref_dtype),
+            replaced("/entry/clock/divisor", shape=(), dtype=h5py.regionref_dtype),
             "damaged at /entry/clock/divisor: it is 0-dimensional",
         ),
         (
-            _replaced("/entry/clock/divisor", data=h5py.Empty("i8")),
+            replaced("/entry/clock/divisor", data=h5py.Empty("i8")),
             "damaged at /entry/clock/divisor: ",
         ),
-        (_replaced("/entry/clock", data=1.0), "damaged at /entry/clock/sample_rate: it is missing"),
+        (replaced("/entry/clock", data=1.0), "damaged at /entry/clock/sample_rate: it is missing"),
         (
-            _replaced(
+            replaced(
                 "/entry/forces/normal_force",
                 shape=(2**26,),
                 chunks=(2**26,),
@@ -181,7 +152,7 @@ def _block_before(path: Path) -> None:
             "damaged at /entry/forces/normal_force: it claims chunks of",
         ),
         (
-            _replaced(
+            replaced(
                 "/entry/instrument/camera/data",
                 shape=(7, 10**6, 10**6),
                 chunks=(1, 1000, 1000),
@@ -194,33 +165,33 @@ def _block_before(path: Path) -> None:
             "damaged at /entry/forces/normal_force: it is compressed by filter 32015, which needs"
             " a plug-in",
         ),
-        (_link("/entry/clock", None), "damaged at /entry/clock/sample_rate: it is missing"),
+        (_cycle, "damaged at /entry/clock/sample_rate: it is missing"),
         (
-            _link("/entry/clock", h5py.SoftLink("/entry/clock")),
+            linked("/entry/clock", h5py.SoftLink("/entry/clock")),
             "damaged at /entry/clock/sample_rate: it is a link to elsewhere",
         ),
         (
-            _link("/entry/summary", h5py.ExternalLink("/etc/hostname", "/")),
+            linked("/entry/summary", h5py.ExternalLink("/etc/hostname", "/")),
             "damaged at /entry/summary: it is a link to elsewhere",
         ),
         (
-            _link("/entry/profile", h5py.SoftLink("/entry/rings")),
+            linked("/entry/profile", h5py.SoftLink("/entry/rings")),
             "damaged at /entry/profile/radius: it is a link to elsewhere",
         ),
         (
-            _number("/entry/clock/sample_rate", float("nan")),
+            put("/entry/clock/sample_rate", float("nan")),
             "damaged at /entry/clock/sample_rate: it is nan",
         ),
-        (_number("/entry/clock/divisor", 0), "damaged at /entry/clock/divisor: it is 0"),
+        (put("/entry/clock/divisor", 0), "damaged at /entry/clock/divisor: it is 0"),
         (
-            _number("/entry/instrument/camera/pixel", float("inf")),
+            put("/entry/instrument/camera/pixel", float("inf")),
             "damaged at /entry/instrument/camera/pixel: it is inf",
         ),
         (
-            _number("/entry/clock/first_trigger", -3),
+            put("/entry/clock/first_trigger", -3),
             "damaged at /entry/clock/first_trigger: it is -3",
         ),
-        (_huge_attribute, "not a SlipScope session"),
+        (attribute(FORMAT_ATTRIBUTE, np.zeros(4000, np.int64)), "not a SlipScope session"),
         (_block_before, "not as SlipScope writes it"),
     ],
 )
@@ -283,21 +254,14 @@ def test_no_plug_in_is_loaded_for_a_session(session: Session, tmp_path: Path) ->
         timeout=400,
     )
     mark = tmp_path / "loaded"
-    env = os.environ | {"HDF5_PLUGIN_PATH": str(folder), "MARK": str(mark), "PYTHONPATH": str(ROOT)}
+    environment = {"HDF5_PLUGIN_PATH": str(folder), "MARK": str(mark)}
     read = (
         "import sys; from app.session.reader import SessionReader\nwith SessionReader(sys.argv[1])"
         " as r: r.forces()"
     )
     naive = "import sys, h5py\nh5py.File(sys.argv[1])['/entry/forces/normal_force'][()]"
     for code, is_loaded in ((read, False), (naive, True)):
-        done = subprocess.run(
-            [sys.executable, "-c", code, str(session.path)],
-            env=env,
-            capture_output=True,
-            check=False,
-            timeout=400,
-        )
-        assert done.returncode
+        assert python("-c", code, session.path, environment=environment).returncode
         assert mark.exists() == is_loaded
 
 

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 import h5py
 import psutil
 import pytest
+from python_program import python
 from session_material import Session
 
 from app.session import analyses, contents, trust, vetting
@@ -25,7 +26,6 @@ from app.session.reader import SessionReader
 from app.system.disk import AppendedFile
 from app.system.errors import UserError
 
-ROOT = Path(__file__).parents[2]
 POSIX = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks for each file")
 # what HDF5 might do with a file, by the name of the file
 HARM = """
@@ -248,9 +248,8 @@ def test_nothing_is_left_running_when_the_program_ends(session: Session) -> None
         "from app.session import vetting\n"
         "SessionReader(pathlib.Path(sys.argv[1])).close(); print(vetting._idle[0].pid)"
     )
-    env = os.environ | {"PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-c", code, str(session.path)]
-    done = subprocess.run(command, env=env, capture_output=True, text=True, check=True, timeout=400)
+    done = python("-c", code, session.path)
+    assert done.returncode == 0
     assert not psutil.pid_exists(int(done.stdout))
     assert not done.stderr
 
