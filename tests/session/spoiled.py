@@ -372,24 +372,11 @@ def lookup3(data: bytes) -> int:
     for block in blocks[:-1]:
         x, y, z = struct.unpack("<3I", block)
         a, b, c = (a + x) & mask, (b + y) & mask, (c + z) & mask
-        a = ((a - c) & mask) ^ turned(c, 4)
-        c = (c + b) & mask
-        b = ((b - a) & mask) ^ turned(a, 6)
-        a = (a + c) & mask
-        c = ((c - b) & mask) ^ turned(b, 8)
-        b = (b + a) & mask
-        a = ((a - c) & mask) ^ turned(c, 16)
-        c = (c + b) & mask
-        b = ((b - a) & mask) ^ turned(a, 19)
-        a = (a + c) & mask
-        c = ((c - b) & mask) ^ turned(b, 4)
-        b = (b + a) & mask
+        for k in (4, 6, 8, 16, 19, 4):
+            a = ((a - c) & mask) ^ turned(c, k)
+            a, b, c = b, (c + b) & mask, a
     x, y, z = struct.unpack("<3I", blocks[-1].ljust(12, b"\0"))
     a, b, c = (a + x) & mask, (b + y) & mask, (c + z) & mask
-    c = ((c ^ b) - turned(b, 14)) & mask
-    a = ((a ^ c) - turned(c, 11)) & mask
-    b = ((b ^ a) - turned(a, 25)) & mask
-    c = ((c ^ b) - turned(b, 16)) & mask
-    a = ((a ^ c) - turned(c, 4)) & mask
-    b = ((b ^ a) - turned(a, 14)) & mask
-    return ((c ^ b) - turned(b, 24)) & mask
+    for k in (14, 11, 25, 16, 4, 14, 24):
+        a, b, c = b, ((c ^ b) - turned(b, k)) & mask, a
+    return b
