@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from changed_files import put
 
 from app.files.field_files import FieldSeries, read_fields
 from app.files.inverting import with_centre
@@ -160,8 +161,7 @@ def test_a_grid_that_is_none_is_refused(tmp_path: Path, name: str, value: float)
     settings = {"reference": "r.tif"}
     with fields_file(path, ["a.tif", "b.tif"], X, Y, ["ok"], settings, {}):
         pass
-    with h5py.File(path, "r+") as file:
-        file[f"/entry/fields/{name}"][1] = value
+    put(f"/entry/fields/{name}", value, 1)(path)
     with pytest.raises(UserError, match=r"f\.h5: its grid or its frames do not increase"):
         read_fields(path, 2e-6)
 

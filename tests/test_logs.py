@@ -4,13 +4,13 @@ import errno
 import io
 import json
 import logging
-import subprocess
 import sys
 import threading
 from logging.handlers import QueueHandler
 from pathlib import Path
 
 import pytest
+from python_program import python
 from short_run import SHORT
 
 from app.acquisition.ending import Ending
@@ -121,13 +121,7 @@ print("done")
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes with a name")
 def test_a_log_on_a_disk_that_never_comes_back_does_not_keep_the_program(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", STANDS, tmp_path / "x.h5"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
+    done = python("-c", STANDS, tmp_path / "x.h5", timeout=60)
     assert (done.returncode, done.stdout) == (0, "done\n")
     assert done.stderr == (
         f"slipscope: {tmp_path / 'x.h5.log'}: the log is incomplete, because its disk had not"

@@ -9,12 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from command_line import call
 from tradeoff.grains import Speckle
-from typer.testing import CliRunner
 
 from analysis.options import as_written
 from analysis.settings import PRESETS, Correlation
-from app.cli import app
 from app.settings import config
 from app.settings.config import ConfigError, load
 from app.settings.sections import Config
@@ -78,14 +77,14 @@ def test_a_preset_of_plain_files(tmp_path: Path) -> None:
     speckle = Speckle((160, 200))
     for name, ux in (("a.png", 0.0), ("b.png", 0.4)):
         cv2.imwrite(str(tmp_path / name), speckle.image(ux, noise=1))
-    files = [str(tmp_path / name) for name in ("a.png", "b.png")]
+    files = [tmp_path / name for name in ("a.png", "b.png")]
     for words, box, step in (
         ((), 20, 10),
         (("--preset", "fast"), 20, 20),
         (("--preset", "fast", "--box", "32", "--step", "10"), 32, 10),
     ):
         output = tmp_path / f"{box}-{step}.npz"
-        done = CliRunner().invoke(app, ["dic", *files, "-o", str(output), *words])
+        done = call("dic", *files, "-o", output, *words)
         assert done.exit_code == 0, done.output
         with np.load(output) as found:
             held = dict(found["settings"])

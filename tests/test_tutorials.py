@@ -14,8 +14,8 @@ from typing import Any
 
 import pytest
 import typer
+from command_line import call, given
 from short_run import SHORT, without_budget, without_pictures
-from typer.testing import CliRunner
 
 from app.cli import app
 from app.settings import config
@@ -57,9 +57,9 @@ def done(line: str, folder: Path) -> None:
             done("slipscope run -o first.h5", folder)
         case ["slipscope", *rest]:
             if rest[0] in ("run", "replay") and "--headless" not in rest:
-                small = [word for one in SHORT for word in ("--set", one)]
-                rest += ["--headless", "--pace", "max", *(small if rest[0] == "run" else [])]
-            result = CliRunner().invoke(app, rest)
+                small = given(*SHORT) if rest[0] == "run" else []
+                rest += ["--headless", "--pace", "max", *small]
+            result = call(*rest)
             expected = 1 if rest[0] == "check-driver" else 0
             assert result.exit_code in (0, expected), f"{line}: {result.output}"
         case _:

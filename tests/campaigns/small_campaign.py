@@ -7,10 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import call
 from short_run import BLIND, SHORT, without_pictures
-from typer.testing import CliRunner, Result
-
-from app.cli import app
+from typer.testing import Result
 
 FEW_IMAGES = "camera.divisor=250"
 TINY = dict(
@@ -36,8 +35,7 @@ def _value(text: str) -> str:
 
 def called(*arguments: object, answers: str = "") -> Result:
     """`slipscope campaign`, as fast as possible and without a window."""
-    told = ["campaign", *map(str, arguments), "--headless", "--pace", "max"]
-    return CliRunner().invoke(app, told, input=answers)
+    return call("campaign", *arguments, "--headless", "--pace", "max", input=answers)
 
 
 def work_in(folder: Path, patch: pytest.MonkeyPatch) -> None:

@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from command_line import given
 from short_run import SHORT
 from small_campaign import (
     SESSIONS,
@@ -125,7 +126,7 @@ def test_the_page_shows_every_run_its_numbers_and_its_picture(
         'vary.about.sample = ["a & <i>b</i>", "c"]', 'sessions = "{name} {number}"', "repeats = 1"
     )
     slides = [*SHORT, "stress.method=none", "recording.results=fields", "camera.divisor=125"]
-    options = [word for setting in slides for word in ("--set", setting)]
+    options = given(*slides)
     assert campaign(file, "--only", "1", *options).exit_code == 0
     text = (tiny / "index.html").read_text(encoding="utf-8")
     page = Page(text)

@@ -8,20 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import call, given
 from made_once import made_once
 from short_run import SHORT
-from typer.testing import CliRunner, Result
-
-from app.cli import app
-
-SHORT_OPTIONS = [part for setting in SHORT for part in ("--set", setting)]
+from typer.testing import Result
 
 Command = Callable[..., Result]
-
-
-def call(*arguments: object, input: str | None = None) -> Result:
-    """Run `slipscope` with these arguments in this process."""
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], input=input)
 
 
 @pytest.fixture
@@ -41,7 +33,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
 
     def make(folder: Path) -> tuple[Path, Result]:
         path = folder / "short.h5"
-        result = call(*("run", "--headless", "--pace", "max", "-o", path, "--json", *SHORT_OPTIONS))
+        result = call(*("run", "--headless", "--pace", "max", "-o", path, "--json", *given(*SHORT)))
         assert result.exit_code == 0, result.output
         result.exc_info = None  # which cannot be pickled
         return path, result

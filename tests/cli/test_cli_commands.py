@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from command_line import given
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 from short_run import SHORT, without_budget, without_pictures
@@ -199,14 +200,9 @@ def test_info_tells_what_the_session_holds(
 @pytest.mark.usefixtures("cheap")
 def test_what_the_operator_says_is_in_the_report_of_a_run_and_in_info(slipscope: Command) -> None:
     said = {"sample": "PDMS-7", "operator": "Élise", "note": "dusty\tglass"}
-    settings = [
-        *SHORT,
-        "run.travel=8",
-        "camera.divisor=250",
-        *(f"about.{name}={text}" for name, text in said.items()),
-    ]
-    given = [part for setting in settings for part in ("--set", setting)]
-    ran = slipscope("run", "--headless", "--pace", "max", "-o", "a.h5", *given)
+    about = (f"about.{name}={text}" for name, text in said.items())
+    settings = given(*SHORT, "run.travel=8", "camera.divisor=250", *about)
+    ran = slipscope("run", "--headless", "--pace", "max", "-o", "a.h5", *settings)
     assert ran.exit_code == 0
     text = slipscope("info", "a.h5").stdout
     for words in ("PDMS-7", "Élise", "dusty"):

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from test_cli_bad_input import refused
+from command_line import refused
 from tradeoff.grains import Speckle
 from typer.testing import Result
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
-from scipy.ndimage import gaussian_filter
+from command_line import given
+from python_program import python
 from short_run import SHORT
+from test_cli_commands import save_texture
 from typer.testing import Result
 
 from app.cli.terminal import print_line, print_rows, print_table, say
@@ -21,18 +20,8 @@ from app.cli.terminal import print_line, print_rows, print_table, say
 Command = Callable[..., Result]
 
 
-def save_texture(folder: Path, suffix: str, kind: type[np.integer], grey: int) -> None:
-    """Two pictures: ``a`` and, two pixels further, ``b``."""
-    texture = gaussian_filter(np.random.default_rng(3).normal(size=(80, 100)), 1.2, mode="wrap")
-    reference = np.clip(grey * (1 + 0.7 * texture / texture.std()), 0, 2 * grey).astype(kind)
-    for name, image in (("a", reference), ("b", np.roll(reference, 2, axis=1))):
-        Image.fromarray(image).save(folder / f"{name}{suffix}")
-
-
 def test_a_bench_whose_forces_are_too_noisy_does_not_work(slipscope: Command) -> None:
-    result = slipscope(
-        "check", *(w for s in SHORT for w in ("--set", s)), "--set", "sim.force_noise=99"
-    )
+    result = slipscope("check", *given(*SHORT, "sim.force_noise=99"))
     assert result.exit_code == 1
     assert "FAILS  shear sensor: " in result.stdout
     assert "too noisy for a contact of 0.03 N" in " ".join(result.stdout.split())
@@ -55,16 +44,9 @@ def test_help_names_no_type_after_an_option_without_a_value(
     [("bash", "complete -o default -F"), ("zsh", "#compdef slipscope"), ("fish", "complete --")],
 )
 def test_a_shell_completes_commands(shell: str, words: str) -> None:
-    environment = os.environ | {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    program = "from app.cli import main; main()"
-    called = [sys.executable, "-c", f"import sys; sys.argv[0] = 'slipscope'; {program}"]
-    script = subprocess.run(
-        [*called, "--show-completion", shell],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    program = "import sys; sys.argv[0] = 'slipscope'; from app.cli import main; main()"
+    script = python("-c", program, "--show-completion", shell, environment=environment)
     assert script.returncode == 0, script.stderr
     assert words in script.stdout
     assert "_SLIPSCOPE_COMPLETE" in script.stdout
@@ -74,9 +56,7 @@ def test_a_shell_completes_commands(shell: str, words: str) -> None:
             "COMP_WORDS": "slipscope rep",
             "COMP_CWORD": "1",
         }
-        found = subprocess.run(
-            called, env=os.environ | asked, capture_output=True, text=True, check=False
-        )
+        found = python("-c", program, environment=asked)
         assert found.stdout.split() == ["replay", "repair"]
 
 

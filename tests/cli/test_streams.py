@@ -15,6 +15,7 @@ import weakref
 from pathlib import Path
 
 import pytest
+from command_line import given
 from short_run import BLIND, SHORT
 
 from app.cli import run_and_replay
@@ -30,10 +31,9 @@ from app.session.reader import SessionReader
 from app.system.stopping import not_connected
 
 ROOT = Path(__file__).parents[2]
-SETTINGS = [*SHORT, *BLIND, "run.travel=8"]
 RUN = (
     *(sys.executable, "-m", "app", "run", "--headless", "--pace", "max"),
-    *(word for setting in SETTINGS for word in ("--set", setting)),
+    *given(*SHORT, *BLIND, "run.travel=8"),
 )
 
 

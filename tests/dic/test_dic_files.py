@@ -2,7 +2,6 @@
 cannot be used.
 """
 
-import csv
 from pathlib import Path
 
 import cv2
@@ -10,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 from blobs import Speckle
+from command_line import rows_of
 from scipy.interpolate import RegularGridInterpolator
 
 from analysis.dic import Correlation
@@ -28,8 +28,7 @@ def save(path, image):
 
 def read_table(path):
     """Frame -> column -> array (ny, nx), and the centres x and y."""
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = rows_of(path)
     x, y = (sorted({float(row[name]) for row in rows}) for name in ("x_px", "y_px"))
     frames = {}
     for frame in sorted({int(row["frame"]) for row in rows}):

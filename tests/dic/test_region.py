@@ -9,13 +9,12 @@ import cv2
 import numpy as np
 import pytest
 from blobs import Speckle, way
+from command_line import call
 from matplotlib.path import Path as Outline
 from short_run import SMALL
-from typer.testing import CliRunner
 
 from analysis.dic import Correlation, Status, compile_kernels, open_tracker
 from analysis.region import measured
-from app.cli.program import app
 from app.runs import live
 from app.session.reader import SessionReader
 from app.settings import config
@@ -104,7 +103,7 @@ def test_a_region_of_plain_files(tmp_path: Path) -> None:
         cv2.imwrite(name, image)
     output = tmp_path / "fields.npz"
     words = [word for text in SHAPES for word in ("--region", text)]
-    done = CliRunner().invoke(app, ["dic", *names, "-o", str(output), *words])
+    done = call("dic", *names, "-o", output, *words)
     assert done.exit_code == 0, done.output
     with np.load(output) as found:
         x, y = np.meshgrid(found["x_px"], found["y_px"])

@@ -15,11 +15,10 @@ from typing import Any
 
 import closed_form as exact
 import pytest
+from command_line import call
 from made_once import made_once
 from results_files import write_results
-from typer.testing import CliRunner
 
-from app.cli import app
 from app.files.text_tables import FORCE, LENGTH, read_table
 from app.records.summary import Summary
 from app.report.document import WIDE, DocumentTable, Heading, as_html
@@ -27,7 +26,7 @@ from app.report.typeset import in_html, in_unicode
 
 
 def run(*arguments: object) -> tuple[int, str]:
-    result = CliRunner().invoke(app, ["figures", *map(str, arguments)])
+    result = call("figures", *arguments)
     return result.exit_code, " ".join(result.output.split())
 
 
@@ -402,9 +401,9 @@ def test_results_without_the_load_are_refused(tmp_path: Path) -> None:
 def test_one_document_for_programs(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "paper"
     brief = ("--only", "2", "15", "budget", "--format", "png")
-    result = CliRunner().invoke(app, ["figures", str(file), "-o", str(out), *brief, "--json"])
+    result = call("figures", file, "-o", out, *brief, "--json")
     told = json.loads(result.stdout)
     assert told == json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert list(told["figures"]) == ["2", "15", "budget"]
-    again = CliRunner().invoke(app, ["figures", str(file), "-o", str(out), "--json"])
+    again = call("figures", file, "-o", out, "--json")
     assert "not empty" in json.loads(again.stdout)["error"]

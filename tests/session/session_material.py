@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import shutil
 from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -233,6 +234,13 @@ def assert_identical(a: object, b: object) -> None:
         assert (a.dtype, a.shape, a.tobytes()) == (b.dtype, b.shape, b.tobytes())
     else:
         np.testing.assert_equal(a, b)
+
+
+def session_of_format(version: int, folder: Path) -> Path:
+    """A session that the program of an earlier format wrote."""
+    path, name = folder / f"format_{version}.h5", f"session_format_{version}.h5.gz"
+    path.write_bytes(gzip.decompress((Path(__file__).parents[1] / "data" / name).read_bytes()))
+    return path
 
 
 def copy_recording(path: Path, to: Path) -> None:

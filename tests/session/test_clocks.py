@@ -79,22 +79,24 @@ class Bench:
         shift[:, 0] += u
         return MotionInImages(t, shift + self.noise_px * rng.normal(size=shift.shape))
 
-    def _pressed(self, t: np.ndarray) -> np.ndarray:
+    def _rising(self, t: np.ndarray) -> np.ndarray:
         begin, end = self.pressing
         share = np.clip((t - begin) / (end - begin), 0, 1)
+        return share * share * (3 - 2 * share)
+
+    def _pressed(self, t: np.ndarray) -> np.ndarray:
+        begin, _ = self.pressing
         if self.jump:
             return (t > begin).astype(float)
-        smooth = share * share * (3 - 2 * share)
         if self.creep_s:
-            return 0.7 * smooth + 0.3 * (1 - np.exp(-np.clip(t - begin, 0, None) / self.creep_s))
-        return smooth
+            crept = 1 - np.exp(-np.clip(t - begin, 0, None) / self.creep_s)
+            return 0.7 * self._rising(t) + 0.3 * crept
+        return self._rising(t)
 
     def forces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         rng = np.random.default_rng(self.seed + 1)
         t = np.arange(0, self.end + 6, 1 / self.force_rate)
-        begin, end = self.pressing
-        share = np.clip((t - begin) / (end - begin), 0, 1)
-        p = self.load * share * share * (3 - 2 * share)
+        p = self.load * self._rising(t)
         q = self.friction * self.load * self.moved(t)[1] + self.cross_talk * p
         noise = self.noise_n * rng.normal(size=(2, len(t)))
         used = (t >= self.table[0]) & (t <= self.table[1])

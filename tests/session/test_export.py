@@ -5,7 +5,6 @@ session.
 from __future__ import annotations
 
 import base64
-import csv
 import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -15,9 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
+from command_line import rows_of
 from numpy.testing import assert_array_equal
 from PIL import Image
-from session_material import GRID_X, GRID_Y, OUTCOME, SHAPE, Session, make_writer, record
+from session_material import GRID_X, GRID_Y, SHAPE, Session, finish, make_writer, record
 
 from app.cli import file_commands as files
 from app.evaluation.setup import forces_of
@@ -36,11 +36,6 @@ from app.system.outputs import cell_of, text_of
 from drivers.protocols import Frame, LostFrame
 
 PIXEL = 7.04e-6
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def number(cell: str) -> float:
@@ -96,8 +91,7 @@ def test_no_cell_runs_in_a_spreadsheet_and_each_comes_back(text: str, tmp_path: 
     assert text_of(cell) == text
     writer = make_writer(tmp_path / "a.h5")
     writer.append(LostFrame(0, 5, text.strip() or "x"))
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     export(tmp_path / "a.h5", tmp_path / "out")
     table = read_table(tmp_path / "out" / "metadata.csv", FRAMES)
     assert table.texts["reason"] == [text.strip() or "x"]
@@ -389,8 +383,7 @@ def test_a_session_cut_short_can_be_exported(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("ending", "load"), [(".npz", np.load), (".mat", load_mat)])
 def test_a_session_without_a_frame_gives_its_forces(tmp_path: Path, ending: str, load: Any) -> None:
     writer, written = make_writer(tmp_path / "none.h5"), tmp_path / f"all{ending}"
-    writer.append(OUTCOME)
-    writer.close()
+    finish(writer)
     export(tmp_path / "none.h5", written)
     found = load(written)
     assert found["fields_frame"].size == found["results_frame"].size == 0

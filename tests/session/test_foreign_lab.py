@@ -17,11 +17,10 @@ import cv2
 import foreign_lab as foreign
 import numpy as np
 import pytest
+from command_line import call
 from foreign_lab import Lab, Style
-from typer.testing import CliRunner
 
 from app.cli import file_commands as files
-from app.cli.program import app
 from app.files.clocks import StartOfMotion, matches
 from app.files.forms import TableForm
 from app.files.frames import Sources
@@ -62,7 +61,7 @@ def folder(lab: Lab, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def slipscope(*words: object) -> tuple[int, str]:
     """The exit code of a command, and all that it says on one line."""
-    done = CliRunner().invoke(app, [str(word) for word in words])
+    done = call(*words)
     return done.exit_code, " ".join(done.output.split())
 
 

@@ -12,9 +12,8 @@ import h5py
 import numpy as np
 import pytest
 from changed_files import Change, changing, put
-from typer.testing import CliRunner
+from command_line import call
 
-from app.cli import app
 from app.runs import live
 from app.settings import config
 
@@ -122,7 +121,7 @@ def test_a_changed_value_is_one_sentence(
         "invert": ["-o", str(tmp_path / "a.csv")],
         "replay": ["--headless"],
     }
-    done = CliRunner().invoke(app, [command, str(path), *arguments[command]])
+    done = call(command, path, *arguments[command])
     if not sentence:
         assert done.exit_code == 0
         return

@@ -10,6 +10,7 @@ from zlib import crc32
 
 import h5py
 import pytest
+from changed_files import attribute
 from session_material import Session, alter, close_beside_journal, record
 
 from app.cli.inspect import info
@@ -98,8 +99,7 @@ def test_altered_force_is_not_given_to_anybody(session: Session) -> None:
 
 
 def test_older_session_has_nothing_to_be_held_against(session: Session, capsys: Capture) -> None:
-    with h5py.File(session.path, "r+") as file:
-        file.attrs["slipscope_format"] = 3
+    attribute("slipscope_format", 3)(session.path)
     assert info(session.path, as_json=False, verify=True) == 0
     assert "read back without checksums to hold them against" in capsys.readouterr().out
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import gzip
 from pathlib import Path
 from zipfile import ZipFile
 
-import h5py
 import pytest
+from changed_files import put
+from session_material import session_of_format
 
 from app.records.record_types import End, Event
 from app.session.datasets import uncertain_triggers
@@ -58,8 +58,7 @@ def test_a_session_of_an_earlier_format_says_the_same(
     tmp_path: Path, version: int, checksum: str
 ) -> None:
     """The checksum is that of the program that wrote it."""
-    session = tmp_path / f"format_{version}.h5"
-    session.write_bytes(gzip.decompress((DATA / f"session_format_{version}.h5.gz").read_bytes()))
+    session = session_of_format(version, tmp_path)
     check_facts(session)
     with SessionReader(session) as read:
         assert (read.format, read.pattern()) == (version, None)
@@ -102,10 +101,8 @@ def test_a_sentence_without_a_number_has_none(kind: str, text: str) -> None:
 
 
 def test_a_state_that_is_none_is_damage(tmp_path: Path) -> None:
-    session = tmp_path / "format_7.h5"
-    session.write_bytes(gzip.decompress((DATA / "session_format_7.h5.gz").read_bytes()))
-    with h5py.File(session, "r+") as file:
-        file["/entry/run/state"][()] = "odd"
+    session = session_of_format(7, tmp_path)
+    put("/entry/run/state", "odd")(session)
     with (
         SessionReader(session) as read,
         pytest.raises(UserError, match="damaged at /entry/run/state"),

@@ -5,7 +5,6 @@ is asked for.
 from __future__ import annotations
 
 import dataclasses
-import gzip
 import math
 from pathlib import Path
 from zlib import crc32
@@ -14,7 +13,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from python_program import python
-from session_material import GRID_X, GRID_Y, SHAPE, SUMMARY, Session as Written, make_writer, record
+from session_material import (
+    GRID_X,
+    GRID_Y,
+    SHAPE,
+    SUMMARY,
+    Session as Written,
+    make_writer,
+    session_of_format,
+)
 
 from app.records.record_types import (
     Event,
@@ -148,24 +155,19 @@ def test_settings_that_are_none_are_told(tmp_path: Path) -> None:
         _ = s.settings
 
 
-def test_no_session_is_told() -> None:
-    with pytest.raises(UserError, match=r"nowhere\.h5: there is no such session"):
-        Session("nowhere.h5")
+CHECKED = ("frame", "time_s", "normal_force_n", "travel_m", "stick_radius_m", "centre_ux_m")
 
 
 @pytest.mark.parametrize(
     ("version", "checksum"), [(1, 2469933011), (2, 2999432660), (3, 2999432660), (4, 3360144010)]
 )
-def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, checksum: int) -> None:
+def test_sessions_of_earlier_versions_are_read(
+    recorded_once: Written, tmp_path: Path, version: int, checksum: int
+) -> None:
     """Files that the programs of those versions wrote; the checksums of their results are by the
     readers of those versions.
     """
-    path = tmp_path / f"format_{version}.h5"
-    path.write_bytes(
-        gzip.decompress((ROOT / f"tests/data/session_format_{version}.h5.gz").read_bytes())
-    )
-    writer, today = record(tmp_path / "today.h5")
-    writer.close()
+    path, today = session_of_format(version, tmp_path), recorded_once
     with Session(path) as s, SessionReader(path) as reader:
         assert reader.format == version
         assert_array_equal(np.column_stack(s.forces[1:]), today.forces)
@@ -181,17 +183,7 @@ def test_sessions_of_earlier_versions_are_read(tmp_path: Path, version: int, che
             parts = [field.ux_px, field.uy_px, field.zncc, field.status] if field else []
             for part in parts + ([rings.ux_m, rings.sd_m] if rings else []):
                 found = crc32(part.tobytes(), found)
-            numbers = [
-                numbers_of(r)[name]
-                for name in (
-                    "frame",
-                    "time_s",
-                    "normal_force_n",
-                    "travel_m",
-                    "stick_radius_m",
-                    "centre_ux_m",
-                )
-            ]
+            numbers = [numbers_of(r)[name] for name in CHECKED]
             found = crc32(np.array(numbers).tobytes(), found)
         assert found == checksum
         assert np.isnan(s.results["block_m"]).all() == (version < 3)

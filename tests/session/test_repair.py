@@ -12,6 +12,7 @@ import h5py
 import msgspec
 import numpy as np
 import pytest
+from changed_files import removed
 from killed_recorder import Recording
 from numpy.testing import assert_array_equal
 from session_material import (
@@ -185,8 +186,7 @@ def test_a_map_of_the_pixels_that_can_not_be_read_is_left_out(
     if damage == "altered":
         alter(tmp_path / "a.h5", "/entry/pattern/gain", 0)
     else:
-        with h5py.File(tmp_path / "a.h5", "r+") as file:
-            del file["/entry/pattern/dark"]
+        removed("/entry/pattern/dark")(tmp_path / "a.h5")
     assert repair_command(tmp_path / "a.h5", tmp_path / "b.h5") == 1
     sentence = (
         "the map of the pixels cannot be read and is left out: the pictures are as they came from"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
+from changed_files import removed
 from session_material import (
     COUNTS,
     OUTCOME,
@@ -89,8 +89,7 @@ def test_one_dataset_that_can_not_be_read_costs_what_needs_it_and_nothing_else(
     session: Session, tmp_path: Path, lost: str, results: int
 ) -> None:
     """Those before the reference have no field, and need none."""
-    with h5py.File(session.path, "r+") as file:
-        del file[f"/entry/{lost}"]
+    removed(f"/entry/{lost}")(session.path)
     with (
         pytest.raises(UserError, match=f"damaged at /entry/{lost}"),
         SessionReader(session.path) as reader,

@@ -5,7 +5,6 @@ of their columns say.
 from __future__ import annotations
 
 import csv
-import gzip
 import io
 import math
 import re
@@ -18,8 +17,9 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
+from command_line import call, columns_of, numbers, refused
 from numpy.testing import assert_array_equal
-from session_material import COUNTS, SUMMARY, Session, make_writer, record
+from session_material import COUNTS, SUMMARY, Session, make_writer, session_of_format
 from typer.testing import CliRunner
 
 from app.cli import app
@@ -37,16 +37,6 @@ from slipscope import Session as Opened
 UNIT = {"mm": 1e-3, "um": 1e-6, "kPa": 1e3, "GPa_per_m": 1e9, "uJ": 1e-6}
 # those that the session of these tests has nothing for
 ABSENT = ("law", "cycles", "slides")
-
-
-def read(path: Path) -> dict[str, list[str]]:
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    return {name: [row[name] for row in rows] for name in rows[0]}
-
-
-def numbers(cells: list[str]) -> np.ndarray:
-    return np.array([float(cell) if cell else math.nan for cell in cells])
 
 
 @pytest.fixture
@@ -73,7 +63,7 @@ def tables(session: Session, tmp_path: Path) -> Path:
 def test_profiles_have_a_row_for_each_ring_and_frame(
     session: Session, tables: Path, what: str, group: str, columns: dict[str, str]
 ) -> None:
-    table = read(tables / f"{what}.csv")
+    table = columns_of(tables / f"{what}.csv")
     with h5py.File(session.path) as file:
         entry = file["entry"]
         counter = {"rings": "ring_count", "stress": "stress_count"}[group]
@@ -88,7 +78,7 @@ def test_profiles_have_a_row_for_each_ring_and_frame(
 
 
 def test_the_numbers_of_frames_and_their_units(session: Session, tables: Path) -> None:
-    table = read(tables / "results.csv")
+    table = columns_of(tables / "results.csv")
     with h5py.File(session.path) as file:
         for name, column in NUMBERS.items():
             cells = table[spelled(name)]
@@ -104,7 +94,7 @@ def test_the_numbers_of_frames_and_their_units(session: Session, tables: Path) -
 
 
 def test_what_the_run_comes_down_to(session: Session, tables: Path) -> None:
-    table = read(tables / "summary.csv")
+    table = columns_of(tables / "summary.csv")
     rows = {
         cells[0]: dict(zip(table, cells, strict=True))
         for cells in zip(*table.values(), strict=True)
@@ -119,14 +109,14 @@ def test_what_the_run_comes_down_to(session: Session, tables: Path) -> None:
     assert float(rows["onset of sliding"]["value"]) == 31.25
     assert rows["sliding velocity"]["unit"] == "um/s"
     assert float(rows["reduced chi2 of the local law"]["value"]) == 1.25
-    budget = read(tables / "budget.csv")
+    budget = columns_of(tables / "budget.csv")
     assert (budget["quantity"], budget["input"]) == (["law_mu"] * 2, ["pixel", "k_T"])
     assert_array_equal(numbers(budget["relative_sd"]), [-0.01, 0.002])
-    pressure = read(tables / "pressure.csv")
+    pressure = columns_of(tables / "pressure.csv")
     assert_array_equal(numbers(pressure["r_mm"]), np.array([1e-4, 2e-4]) / 1e-3)
     assert_array_equal(numbers(pressure["p_kPa"]), [50, math.nan])
     assert pressure["k_GPa_per_m"] == ["", ""]
-    assert read(tables / "notes.csv")["note"] == list(SUMMARY.notes)
+    assert columns_of(tables / "notes.csv")["note"] == list(SUMMARY.notes)
 
 
 def test_the_budget_gives_each_input_its_share_of_each_quantity() -> None:
@@ -174,33 +164,37 @@ def test_what_a_file_holds_beyond_the_end_of_a_profile_is_not_read(session: Sess
 
 
 def test_what_happened(session: Session, tables: Path) -> None:
-    events = read(tables / "events.csv")
+    events = columns_of(tables / "events.csv")
     assert events["text"] == [event.text for event in session.events]
     assert_array_equal(numbers(events["time_s"]), [event.sample / 1000 for event in session.events])
-    assert read(tables / "gaps.csv") == {"sample": ["500"], "time_s": ["0.5"], "samples": ["3"]}
-    counts = read(tables / "counts.csv")
+    assert columns_of(tables / "gaps.csv") == {
+        "sample": ["500"],
+        "time_s": ["0.5"],
+        "samples": ["3"],
+    }
+    counts = columns_of(tables / "counts.csv")
     assert (
         dict(zip(counts["count"], map(int, counts["value"]), strict=True))["frames_lost"]
         == COUNTS.frames_lost
     )
-    triggers = read(tables / "triggers.csv")
+    triggers = columns_of(tables / "triggers.csv")
     assert (triggers["received"], triggers["reason"][3]) == (
         ["1", "1", "1", "0", "1", "1", "1", "1"],
         "no image within 0.5 s",
     )
-    stage = read(tables / "stage.csv")
+    stage = columns_of(tables / "stage.csv")
     assert_array_equal(
         numbers(stage["stage_um"]), np.array([metres for _, metres in session.positions]) / 1e-6
     )
-    assert read(tables / "profile.csv")["grey_counts"] == ["10.0", "", "12.0"]
-    run = read(tables / "run.csv")
+    assert columns_of(tables / "profile.csv")["grey_counts"] == ["10.0", "", "12.0"]
+    run = columns_of(tables / "run.csv")
     assert dict(zip(run["name"], run["value"], strict=True))["state"] == "done"
 
 
 def test_a_notebook_gets_the_same_tables(session: Session, tables: Path) -> None:
     with Opened(session.path) as s:
         for what in set(SESSION) - set(ABSENT):
-            columns, cells = s.table(what), read(tables / f"{what}.csv")
+            columns, cells = s.table(what), columns_of(tables / f"{what}.csv")
             assert list(columns) == list(cells)
             assert len({len(values) for values in columns.values()}) == 1
             for name, values in columns.items():
@@ -255,7 +249,7 @@ def test_the_name_of_a_session_may_be_any_bytes(
     renamed = session.path.rename(tmp_path / "m\udcfcller.h5")  # in Latin-1, as on an old disk
     export(renamed, path := tmp_path / f"run{ending}", "run" if ending == ".csv" else "")
     if ending == ".csv":
-        names = read(path)["value"]
+        names = columns_of(path)["value"]
     else:
         names = [name.rstrip() for name in scipy.io.loadmat(path)["run_value"]]
     assert names[0] == "m\\udcfcller.h5"
@@ -284,7 +278,7 @@ def test_a_further_channel_takes_no_column_of_another(tmp_path: Path) -> None:
     writer.append(Samples(0, np.ones((5, 2)), np.full((5, 2), 9.0), further))
     writer.close()
     export(tmp_path / "a.h5", tmp_path / "forces.csv", "forces")
-    found = read(tmp_path / "forces.csv")
+    found = columns_of(tmp_path / "forces.csv")
     assert found["P_N"] == ["9.0"] * 5
     labels = ["aux_P_N", "aux_stage_um", "gap_um", "R__", "flow_m_s", "aux_flow_m_s"]
     labels += ["aux_stage_mm", "aux_q_mN"]  # which an import takes for the stage and for Q
@@ -395,11 +389,8 @@ def test_points_beyond_the_end_of_a_profile_are_no_rows() -> None:
 def test_a_table_that_is_not_there_is_told(
     session: Session, tmp_path: Path, what: str, words: str
 ) -> None:
-    result = CliRunner().invoke(
-        app, ["export", str(session.path), "-o", str(tmp_path / "t.csv"), "--what", what]
-    )
-    assert result.exit_code == 2
-    assert words in " ".join(result.output.split())
+    result = call("export", session.path, "-o", tmp_path / "t.csv", "--what", what)
+    refused(result, words)
     assert not list(tmp_path.glob("t*"))
 
 
@@ -414,10 +405,8 @@ def test_a_file_that_is_neither_session_nor_results_is_told(
         (tmp_path / "a.h5").write_text("frame,ux_px\n")
     else:
         h5py.File(tmp_path / "a.h5", "w").close()
-    asked = ["export", str(tmp_path / "a.h5"), "-o", str(tmp_path / "t.csv"), "--what", "rings"]
-    result = CliRunner().invoke(app, asked)
-    assert result.exit_code == 2
-    assert words in " ".join(result.output.split())
+    result = call("export", tmp_path / "a.h5", "-o", tmp_path / "t.csv", "--what", "rings")
+    refused(result, words)
 
 
 def test_a_session_cut_short_says_what_it_lacks(tmp_path: Path) -> None:
@@ -433,7 +422,7 @@ def test_what_is_not_of_frames_takes_no_frames(session: Session, tmp_path: Path)
     with pytest.raises(UserError, match="events are not of single frames; leave --frames out"):
         export(session.path, tmp_path / "a.csv", "events", frames="1:3")
     export(session.path, tmp_path / "r.csv", "rings", frames="4:6")
-    assert set(read(tmp_path / "r.csv")["frame"]) == {"4"}
+    assert set(columns_of(tmp_path / "r.csv")["frame"]) == {"4"}
 
 
 def test_tables_of_earlier_spellings_are_still_imported(session: Session, tmp_path: Path) -> None:
@@ -454,14 +443,11 @@ def test_the_help_names_every_table() -> None:
         assert re.search(rf"\b{what}\b", said), what
 
 
-def test_a_session_older_than_the_tractions_has_none(tmp_path: Path) -> None:
-    data = Path(__file__).parents[1] / "data/session_format_2.h5.gz"
-    path = tmp_path / "old.h5"
-    path.write_bytes(gzip.decompress(data.read_bytes()))
-    writer, today = record(tmp_path / "today.h5")
-    writer.close()
-    with Opened(path) as s:
+def test_a_session_older_than_the_tractions_has_none(
+    recorded_once: Session, tmp_path: Path
+) -> None:
+    with Opened(session_of_format(2, tmp_path)) as s:
         assert s.rings.stress_pa.shape == (6, 0)
-        assert_array_equal(s.rings.ux_m[3, :4], today.snapshots[3].rings.ux_m)
+        assert_array_equal(s.rings.ux_m[3, :4], recorded_once.snapshots[3].rings.ux_m)
         with pytest.raises(UserError, match="no shear traction was computed"):
             s.table("stress")

@@ -8,12 +8,11 @@ from collections import namedtuple
 from types import SimpleNamespace
 
 import pytest
+from command_line import call
 from loads import record
 from results_files import write_results
-from typer.testing import CliRunner
 from whole_runs import done
 
-from app.cli import app
 from app.evaluation.setup import header_of
 from app.replay.reanalysis import Reanalysis
 from app.session.journal import journal_of
@@ -152,7 +151,7 @@ Said = namedtuple("Said", "code out")
 
 
 def run(*arguments):
-    found = CliRunner().invoke(app, ["analyze", *map(str, arguments)])
+    found = call("analyze", *arguments)
     return Said(found.exit_code, found.output)
 
 

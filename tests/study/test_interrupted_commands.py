@@ -14,9 +14,8 @@ from pathlib import Path
 
 import psutil
 import pytest
-from typer.testing import CliRunner
+from command_line import call
 
-from app.cli import app
 from app.study import worker
 from app.system import interrupting, outputs
 
@@ -150,8 +149,7 @@ def test_each_command_that_computes_is_watched_and_known_by_what_it_has_not_fini
     monkeypatch.setattr(Path, "replace", left)
     monkeypatch.setattr(worker, "run_result", lambda *_: results.runs[0])
     command = "export" if command == "film" else command
-    words = [command, *words, "-o", target, "--overwrite"]
-    said = CliRunner().invoke(app, [str(word) for word in words])
+    said = call(command, *words, "-o", target, "--overwrite")
     assert said.exit_code == 1
     assert "slipscope: Ctrl-C: left before the end; " in said.stderr
     assert at_the_end == [(True, before)]
