@@ -25,6 +25,7 @@ def python(
         env=os.environ | found | (environment or {}),
         capture_output=True,
         text=True,
+        encoding="utf-8",
         check=False,
         timeout=timeout,
     )

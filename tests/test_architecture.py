@@ -7,14 +7,13 @@ from __future__ import annotations
 import ast
 import json
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from importlinter.api import read_configuration
 from importlinter.application import use_cases
 from importlinter.configuration import configure
+from python_program import python
 from structure import structure
 
 ROOT = Path(__file__).parents[1]
@@ -31,14 +30,7 @@ def modules_after(*statements: str) -> list[set[str]]:
     """Names in ``sys.modules`` of a fresh interpreter after each of these statements."""
     told = "print(json.dumps(sorted(sys.modules)))"
     code = "\n".join(["import json, sys", *(f"{one}\n{told}" for one in statements)])
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
+    done = python("-c", code)
     assert done.returncode == 0, done.stderr
     return [set(json.loads(line)) for line in done.stdout.splitlines()]
 

@@ -5,10 +5,9 @@ for each image.
 from __future__ import annotations
 
 import platform
-import subprocess
-import sys
 
 import pytest
+from python_program import python
 
 IMAGES = """
 import resource
@@ -46,8 +45,6 @@ print(faults[2])
 def test_freed_memory_is_used_again() -> None:
     faults = {}
     for how in ("kept", "given back"):
-        command = [sys.executable, "-c", IMAGES, how]
-        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=400)
-        faults[how] = int(done.stdout)
+        faults[how] = int(python("-c", IMAGES, how).stdout)
     assert faults["given back"] > 1000
     assert faults["kept"] < 20

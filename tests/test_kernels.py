@@ -15,6 +15,7 @@ import numba
 import numpy as np
 import pytest
 import scipy
+from python_program import python
 
 from analysis import kernels
 from analysis.dic import open_tracker, strips
@@ -198,14 +199,8 @@ def test_an_edit_of_a_function_changes_those_in_other_files_that_hold_it(tmp_pat
     )
 
     def called(folder=tmp_path):
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            cwd=folder,
-            env=env | {"PYTHONPATH": str(folder)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
+        done = python("-c", code, cwd=folder, environment=env | {"PYTHONPATH": str(folder)})
+        assert done.returncode == 0, done.stderr
         return done.stdout.split()
 
     for factor, is_kept, value in (
@@ -326,14 +321,7 @@ if __name__ == "__main__":
 def test_a_whole_run_compiles_nothing_after_its_begin(tmp_path):
     """In a new process: the search for the contact, too, is compiled before a frame comes."""
     (tmp_path / "whole_run.py").write_text(WHOLE_RUN, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, str(tmp_path / "whole_run.py"), str(tmp_path / "run.h5")],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "tests")))},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    done = python(tmp_path / "whole_run.py", tmp_path / "run.h5")
     assert done.returncode == 0, done.stderr
     before, *late = done.stdout.split()
     assert int(before) > 10

@@ -3,13 +3,11 @@ niceness of its own.
 """
 
 import os
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from python_program import python
 
-ROOT = Path(__file__).parents[1]
 # an ordinary user cannot lower a niceness again, the administrator can
 PROGRAM = """
 import os, threading
@@ -38,14 +36,7 @@ print(found, os.nice(0))
 @pytest.mark.skipif(sys.platform != "linux", reason="a niceness for each thread")
 @pytest.mark.parametrize("start", [0, 10, 19])
 def test_threads_give_way_to_the_program_as_it_was_started(start):
-    said = subprocess.run(
-        [sys.executable, "-c", PROGRAM.format(start=start, asked=(3, 5, 10))],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    said = python("-c", PROGRAM.format(start=start, asked=(3, 5, 10)))
     began = min(19, os.nice(0) + start)
     twice = [min(19, began + n) for n in (3, 5, 10) for _ in range(2)]
     assert said.stdout.strip() == f"{twice} {began}"
@@ -65,14 +56,7 @@ thread = threading.Thread(target=start)
 thread.start()
 thread.join()
 """
-    said = subprocess.run(
-        [sys.executable, "-c", asked],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    said = python("-c", asked)
     assert int(said.stdout) == min(19, os.nice(0) + 10)
 
 

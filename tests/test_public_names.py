@@ -9,7 +9,6 @@ import inspect
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tomllib
 from fnmatch import fnmatchcase
@@ -20,6 +19,7 @@ import numpy as np
 import pytest
 import short_run
 from blobs import Speckle
+from python_program import python
 
 import slipscope
 from drivers.sim.faults import timed
@@ -74,15 +74,8 @@ def test_a_file_that_hides_a_package_is_named(name: str, ending: str, tmp_path: 
     ):
         if command[0] is None:
             continue  # not installed
-        done = subprocess.run(
-            [sys.executable, *command],
-            cwd=tmp_path,
-            env=os.environ | {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=100,
-        )
+        found = {"PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
+        done = python(*command, cwd=tmp_path, environment=found)
         assert done.returncode == code
         assert done.stderr.splitlines()[-1].endswith(f"{first}{sentence}")
         assert code == 1 or len(done.stderr.splitlines()) == 1
@@ -90,15 +83,7 @@ def test_a_file_that_hides_a_package_is_named(name: str, ending: str, tmp_path: 
 
 def test_a_folder_of_images_of_that_name_hides_nothing(tmp_path: Path) -> None:
     (tmp_path / "app").mkdir()
-    done = subprocess.run(
-        [sys.executable, "-c", "import slipscope; slipscope.run"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=100,
-    )
+    done = python("-c", "import slipscope; slipscope.run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 

@@ -5,12 +5,12 @@ runs before its user has confirmed it.
 import http.server
 import os
 import py_compile
-import subprocess
 import sys
 import threading
 from pathlib import Path
 
 import pytest
+from python_program import python
 
 from app.settings import config, trusted_settings as trust
 from app.settings.config import ConfigError
@@ -19,7 +19,6 @@ from drivers.errors import DeviceNotFound
 from drivers.sim.contact import read_law
 from drivers.stages.newport_line import NewportLine
 
-ROOT = Path(__file__).parents[1]
 STAGE = "class Stage:\n    travel_limits_m, velocity_limit_m_s = (0.0, 1e-3), 1e-3\n"
 EVIL = "from pathlib import Path\nPath('executed').touch()\n"
 
@@ -228,13 +227,7 @@ def test_what_lies_in_the_current_folder_is_not_run_by_the_processes_of_a_run(he
         "from app.processes.starting import start_process, wait_until_ready\n"
         "print(wait_until_ready(start_process('app.processes.supervisor', None)))"
     )
-    subprocess.run(
-        [sys.executable, "-P", "-c", code],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        timeout=400,
-        check=False,
-    )
+    python("-P", "-c", code, cwd=here)
     assert not (here / "executed").exists()
 
 

@@ -6,15 +6,12 @@ from __future__ import annotations
 
 import inspect
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from blobs import Speckle
 from numpy.polynomial.polynomial import polyval
+from python_program import python
 
 from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, quadratic, strips
 from analysis.dic.passes import SharedPasses
@@ -162,15 +159,7 @@ from blobs import Speckle
 {inspect.getsource(small_fields)}
 print(json.dumps(small_fields()))
 """
-    path = os.pathsep.join([".", str(Path(__file__).parents[1])])
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code],
-        env=os.environ | {"NUMBA_DISABLE_JIT": "1", "PYTHONPATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-    )
+    done = python("-W", "ignore", "-c", code, environment={"NUMBA_DISABLE_JIT": "1"})
     assert done.returncode == 0, done.stderr
     without = np.array(json.loads(done.stdout.splitlines()[-1]))
     np.testing.assert_allclose(without, small_fields(), atol=2e-5)

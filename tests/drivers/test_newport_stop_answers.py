@@ -4,12 +4,11 @@ outside, while the driver has the port.
 
 import os
 import pickle
-import subprocess
-import sys
 import time
 
 import pytest
 from newport_bench import benches, wait_until
+from python_program import python
 from short_run import SMALL
 
 from app.acquisition.ending import Ending
@@ -80,7 +79,7 @@ def test_another_process_stops_the_stage_while_the_driver_has_the_port(newport, 
     assert isinstance(stage.driver, StoppedFromOutside)
     given = pickle.dumps(stage.driver.stopper()).hex()
     program = f"import pickle; pickle.loads(bytes.fromhex('{given}')).stop()"
-    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+    assert python("-c", program).returncode == 0
     wait_until(lambda: len(stage.sent("ST")) + stage.line.ignored.count(b"ST") == 3)
     assert strict or not stage.line.ignored
     stage.pass_time(1.0)

@@ -17,6 +17,7 @@ from contracts import TRAIN
 from ni_bench import InThread, NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
 from nidaqmx.errors import DaqError
+from python_program import python
 
 from drivers.daq import ni_channel, ni_daq
 from drivers.emulators.board import NiError
@@ -402,9 +403,8 @@ def test_a_package_that_is_loaded_in_a_folder_that_was_removed(tmp_path):
         "from drivers.errors import DeviceNotFound\nfrom drivers.daq import ni_daq\n"
         "try:\n    ni_daq.find()\nexcept DeviceNotFound as error:\n    print(error)"
     )
-    found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=400
-    )
+    found = python("-c", code)
+    assert found.returncode == 0
     assert "nidaqmx was not loaded" in found.stdout
     assert "change to a folder that exists" in found.stdout
 
@@ -414,4 +414,4 @@ def test_the_module_loads_no_vendor_library():
         "import sys, drivers.daq.ni_daq, drivers.emulators.ni\nassert not {'nidaqmx', 'grpc'} &"
         " set(sys.modules)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=400)
+    assert python("-c", code).returncode == 0

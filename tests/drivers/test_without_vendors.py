@@ -3,11 +3,10 @@ what is missing.
 """
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from python_program import python
 
 ROOT = Path(__file__).parents[2]
 VENDORS = ("nidaqmx", "grpc", "pypylon", "harvesters", "genicam", "serial")
@@ -54,15 +53,7 @@ print(json.dumps(ends))
 @pytest.fixture(scope="module")
 def ended():
     """Exit code and words of each command, and which libraries all drivers load by themselves."""
-    done = subprocess.run(
-        [sys.executable, "-c", RUN_EACH, json.dumps(COMMANDS)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=400,
-        encoding="utf-8",
-    )
+    done = python("-c", RUN_EACH, json.dumps(COMMANDS))
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return json.loads(done.stdout)

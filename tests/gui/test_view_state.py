@@ -1,12 +1,11 @@
 """What the window shows, which is decided without Qt, against a run made of closed forms."""
 
 import math
-import subprocess
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from python_program import python
 from scripted_run import HERTZ_M, MU, PERIOD, REFERENCE, P, ScriptedRun
 from window_hands import look
 
@@ -52,7 +51,7 @@ def test_deciding_what_is_shown_loads_no_qt() -> None:
         "import sys, app.gui.view_state, app.system.display; sys.exit(any('PySide6' in m or"
         " 'pyqtgraph' in m for m in sys.modules))"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    assert python("-c", code).returncode == 0
 
 
 def test_before_the_first_frame_there_is_nothing_to_draw(run: ScriptedRun) -> None:

@@ -23,6 +23,7 @@ from processes.launched import (
     wait_until,
     whole,
 )
+from python_program import python
 
 import slipscope
 from app.cli import run_commands as commands
@@ -357,15 +358,8 @@ def test_slipscope_stop_imports_nothing_that_takes_time(short_path):
         "try:\n    main()\nfinally:\n"
         f"    print(sorted(set({HEAVY!r}) & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, "stop", "no-such-bench"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-        encoding="utf-8",
-        env=os.environ | {"TMPDIR": str(short_path), "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
+    environment = {"TMPDIR": str(short_path)}
+    done = python("-c", code, "stop", "no-such-bench", environment=environment)
     assert done.returncode == 2, done.stderr
     assert done.stdout.strip() == "[]"
     assert "stop: no" in done.stderr
