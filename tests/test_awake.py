@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 import wakepy
 from short_run import SHORT
+from whole_runs import done
 
 from app.cli.campaign import CampaignWork
 from app.runs import live
@@ -35,8 +36,7 @@ def test_a_bench_in_real_time_keeps_the_computer_awake(desktop, tmp_path, pace):
         return advance(measured)
 
     run._experiment.advance = seen
-    run.start()
-    assert run.wait(400).state == "done"
+    done(run)
     assert held == {int(pace is not None)}
     assert not wakepy.global_modes()
     log = (tmp_path / "a.h5.log").read_text(encoding="utf-8")

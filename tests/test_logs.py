@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from python_program import python
 from short_run import SHORT
+from whole_runs import recorded
 
 from app.acquisition.ending import Ending
 from app.cli import app
@@ -29,11 +30,7 @@ def log_files():
 
 def test_the_log_beside_a_session_tells_what_the_run_did(tmp_path):
     session = tmp_path / "sample7.h5"
-    settings = config.load(None, [*QUICK, "sim.faults=['lost-trigger 9']"])
-    run = live.make_run(settings, session, pace=None)
-    run.start()
-    outcome = run.wait(400)
-    assert outcome.state == "done"
+    outcome = recorded(session, *QUICK, "sim.faults=['lost-trigger 9']")
     log = (tmp_path / "sample7.h5.log").read_text(encoding="utf-8")
     for phase in ("background", "contact", "reference", "drive", "end"):
         assert f": phase: {phase} (sample " in log

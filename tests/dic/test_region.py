@@ -12,6 +12,7 @@ from blobs import Speckle, way
 from command_line import call
 from matplotlib.path import Path as Outline
 from short_run import SMALL
+from whole_runs import done
 
 from analysis.dic import Correlation, Status, compile_kernels, open_tracker
 from analysis.region import measured
@@ -145,10 +146,7 @@ def test_a_live_run_measures_in_a_region_away_from_the_corner(
     region = f"inside {left} {top} {right} {top} {right} {bottom} {left} {bottom}"
     settings = config.load(None, [*SMALL, "run.travel=5", f"dic.region=['{region}']"])
     run = live.make_run(settings, tmp_path / "a.h5", pace=None)
-    run.start()
-    outcome = run.wait(300)
-    assert outcome is not None
-    assert (outcome.state, outcome.reason) == ("done", "the drive of 5 um is complete")
+    assert done(run).reason == "the drive of 5 um is complete"
     with SessionReader(tmp_path / "a.h5") as session:
         (*_, last) = (s for s in session.snapshots() if s.field is not None)
     x, y = np.meshgrid(run.grid_x_px, run.grid_y_px)

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import whole_runs
 from contracts import CameraContract, ForceSourceContract
 from short_run import SMALL
 
@@ -201,9 +202,7 @@ def test_without_a_recording_they_say_what_is_missing():
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     path = tmp_path_factory.mktemp("stored") / "first.h5"
-    run = live.make_run(config.load(None, SMALL), path, pace=None)
-    run.start()
-    return path, run.wait(400)
+    return path, whole_runs.recorded(path, *SMALL)
 
 
 def again(path, recorded, *sources, sabotage=lambda run: None):

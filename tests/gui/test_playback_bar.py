@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QLineEdit, QPushButton, QSlider, QVBoxLayout, QWid
 from scripted_run import ScriptedRun
 from set_up_hands import write
 from sparse_session import sparse_copy
-from whole_runs import recorded
+from whole_runs import recorded, replayed
 from window_hands import click, look
 
 from app.gui.cells import Tone
@@ -261,9 +261,7 @@ def test_a_replay_that_differs_says_in_what(whole, tmp_path, qtbot):
     path.write_bytes(whole.read_bytes())
     with h5py.File(path, "r+") as file:
         file["entry/results/centre_ux"][40] += 1e-6
-    replay = Replay(path, pace=None)
-    replay.start()
-    assert replay.wait(100).state == "done"
+    replay = replayed(path)
     view = look(replay)
     assert not view.agreement.agrees
     with SessionReader(path) as recorded:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import whole_runs
 from processes.launched import (
     PATIENT_S,
     Program,
@@ -103,10 +104,7 @@ def test_the_frame_that_follows_comes_once_and_beside_the_one_before(tmp_path, m
 
 def replayed(path):
     """How the session replays."""
-    replay = Replay(path, pace=None)
-    replay.start()
-    assert replay.wait(PATIENT_S).state == "done"
-    comparison = replay.comparison()
+    comparison = whole_runs.replayed(path).comparison()
     return comparison.identical, comparison.frames, comparison.first_difference
 
 

@@ -11,11 +11,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import whole_runs
 from changed_files import Change, changing, put
 from command_line import call
-
-from app.runs import live
-from app.settings import config
 
 SMALL = (
     *("camera.width=320", "camera.height=240", "camera.pixel=16", "dic.threads=1"),
@@ -27,9 +25,7 @@ SMALL = (
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("recorded") / "a.h5"
-    run = live.make_run(config.load(None, SMALL), path, pace=None)
-    run.start()
-    assert run.wait(400).state == "done"
+    whole_runs.recorded(path, *SMALL)
     return path
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import short_run
+import whole_runs
 from PIL import Image
 
 from app.cli import file_commands as files
@@ -22,10 +23,7 @@ from app.records.record_types import (
     Phase,
 )
 from app.records.snapshot_numbers import series_of
-from app.replay.replay import Replay
-from app.runs import live
 from app.session.reader import SessionReader
-from app.settings import config
 from app.settings.config import ConfigError
 from app.system.errors import UserError
 from tests.same_results import difference
@@ -39,13 +37,8 @@ KNOWN: dict[str, Any] = {"pixel_um": 7.04, "rate_hz": 1000, "divisor": 125}
 def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A simulated experiment in which one trigger was lost."""
     path = tmp_path_factory.mktemp("original") / "original.h5"
-    run = live.make_run(
-        config.load(None, (*SHORT, f'sim.faults=["lost-trigger {LOST}"]')), path, pace=None
-    )
-    run.start()
-    outcome = run.wait(400)
-    assert outcome is not None
-    assert (outcome.state, outcome.counts.frames_lost) == ("done", 1)
+    outcome = whole_runs.recorded(path, *SHORT, f'sim.faults=["lost-trigger {LOST}"]')
+    assert outcome.counts.frames_lost == 1
     return path
 
 
@@ -72,12 +65,7 @@ def few(original: Path) -> Path:
 
 
 def replayed(path: Path) -> tuple[int, int, str]:
-    replay = Replay(path, pace=None)
-    replay.start()
-    outcome = replay.wait(400)
-    assert outcome is not None
-    assert outcome.state == "done", outcome.reason
-    comparison = replay.comparison()
+    comparison = whole_runs.replayed(path).comparison()
     return comparison.frames, comparison.identical, comparison.first_difference
 
 
