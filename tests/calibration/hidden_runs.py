@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from hidden_benches import Found
-from whole_runs import done
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
@@ -31,7 +30,10 @@ def certify(path, calibration, options, *settings):
     with TemporaryDirectory() as folder:
         sessions = [Path(folder) / f"{n}.h5" for n in range(len(plan))]
         for config, session in zip(plan, sessions, strict=True):
-            done(make_run(config, session, pace=None))
+            run = make_run(config, session, pace=None)
+            run.start()
+            outcome = run.wait(600)
+            assert outcome.state == "done", outcome.reason
         evaluated(calibration, sessions, options).write(path, overwrite=False)
     return plan[0]
 
