@@ -6,6 +6,7 @@ Each kind of step is a section of settings. What a step leaves out (0) is that o
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
@@ -35,11 +36,17 @@ class Step(Section):
         Keys that have no default.
     like_run : dict
         Key -> the key of [run] that holds where it is 0.
+    words : str
+        What it does, for people; ``{key}`` stands for the value of a key with its unit.
     """
 
     kind: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     like_run: ClassVar[dict[str, str]] = {}
+    words: ClassVar[str] = ""
+
+    def __str__(self) -> str:
+        return re.sub(r"{(\w+)}", lambda key: quantity(self, key[1]), self.words)
 
     def given(self, run: RunSettings) -> Step:
         """The step with what it leaves out taken from [run]."""
@@ -54,10 +61,8 @@ class Zero(Step):
     """
 
     kind = "zero"
+    words = "zero the sensors, {time}"
     time: float = option(1.0, "Averaging time", "s", gt=0, le=60)
-
-    def __str__(self) -> str:
-        return f"zero the sensors, {quantity(self, 'time')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,11 +70,9 @@ class Background(Step):
     """Take images of the free block."""
 
     kind = "background"
+    words = "background, {time}"
     like_run: ClassVar[dict[str, str]] = {"time": "background_time"}
     time: float = option(0.0, "Duration; 0: run.background_time", "s", ge=0, le=60)
-
-    def __str__(self) -> str:
-        return f"background, {quantity(self, 'time')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +82,7 @@ class Approach(Step):
     """
 
     kind = "approach"
+    words = "approach to {normal_force}"
     like_run: ClassVar[dict[str, str]] = {
         "normal_force": "normal_force",
         "timeout": "contact_timeout",
@@ -86,20 +90,15 @@ class Approach(Step):
     normal_force: float = option(0.0, "Load P; 0: run.normal_force", "N", ge=0, le=10)
     timeout: float = option(0.0, "Time allowed for it; 0: run.contact_timeout", "s", ge=0, le=3600)
 
-    def __str__(self) -> str:
-        return f"approach to {quantity(self, 'normal_force')}"
-
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Step):
     """Take the reference image at rest under load; displacements count from it."""
 
     kind = "reference"
+    words = "reference, {time}"
     like_run: ClassVar[dict[str, str]] = {"time": "reference_time"}
     time: float = option(0.0, "Rest under load; 0: run.reference_time", "s", ge=0, le=60)
-
-    def __str__(self) -> str:
-        return f"reference, {quantity(self, 'time')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,11 +106,9 @@ class Hold(Step):
     """Hold the stage at rest."""
 
     kind = "hold"
+    words = "hold for {time}"
     needs = ("time",)
     time: float = option(1.0, "Duration", "s", gt=0, le=1e5)
-
-    def __str__(self) -> str:
-        return f"hold for {quantity(self, 'time')}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,9 +197,9 @@ class Motion(Step):
         """Whether a condition is one of what the analysis sees."""
         return self.until_stick > 0 or self.until_slid >= 0
 
-    def _until(self) -> str:
-        ends = (UNTIL[key] + quantity(self, key) for key in self.conditions)
-        return "".join(f"{' until' if not i else ' or'} {one}" for i, one in enumerate(ends))
+    def __str__(self) -> str:
+        ends = " or ".join(UNTIL[key] + quantity(self, key) for key in self.conditions)
+        return super().__str__() + (ends and f" until {ends}")
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
         """Where its legs end (m), given where it stands, where it last set out one way, and that
@@ -216,14 +213,11 @@ class Drive(Motion):
     """Move the stage by a travel."""
 
     kind = "drive"
+    words = "drive {travel} at {velocity}"
     like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
     travel: float = option(
         0.0, "Travel, negative in the opposite direction; 0: run.travel", "um", ge=-20000, le=20000
     )
-
-    def __str__(self) -> str:
-        way, speed = quantity(self, "travel"), quantity(self, "velocity")
-        return f"drive {way} at {speed}{self._until()}"
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
         """See `Motion`."""
@@ -235,13 +229,10 @@ class Velocity(Motion):
     """Continue at another velocity without a stop, right after a drive or a velocity step."""
 
     kind = "velocity"
+    words = "go on at {velocity} for {travel}"
     needs = ("velocity", "travel")
     velocity: float = option(5.0, "Velocity", "um/s", gt=0, le=1000)
     travel: float = option(10.0, "Further travel in the same direction", "um", gt=0, le=20000)
-
-    def __str__(self) -> str:
-        way, speed = quantity(self, "travel"), quantity(self, "velocity")
-        return f"go on at {speed} for {way}{self._until()}"
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
         """See `Motion`."""
@@ -253,11 +244,12 @@ class Reverse(Motion):
     """Return to the start of the last motion; with more than one turn, go forth and back again."""
 
     kind = "reverse"
+    words = "reverse at {velocity}"
     times: int = option(1, "Number of turns", ge=1, le=2000)
 
     def __str__(self) -> str:
-        often = f" {self.times} times" if self.times > 1 else ""
-        return f"reverse{often} at {quantity(self, 'velocity')}{self._until()}"
+        often = f"reverse {self.times} times" if self.times > 1 else "reverse"
+        return super().__str__().replace("reverse", often, 1)
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
         """See `Motion`."""
@@ -269,6 +261,7 @@ class Cycle(Motion):
     """Move the stage forth and back; a condition ends the whole step."""
 
     kind = "cycle"
+    words = "cycle {times} times by {travel} at {velocity}"
     needs = ("times",)
     like_run: ClassVar[dict[str, str]] = {"velocity": "velocity", "travel": "travel"}
     times: int = option(1, "Number of cycles", ge=1, le=1000)
@@ -279,10 +272,6 @@ class Cycle(Motion):
         ge=-20000,
         le=20000,
     )
-
-    def __str__(self) -> str:
-        way, speed = quantity(self, "travel"), quantity(self, "velocity")
-        return f"cycle {self.times} times by {way} at {speed}{self._until()}"
 
     def ends(self, here: float, origin: float, way: float) -> list[float]:
         """See `Motion`."""
