@@ -12,6 +12,7 @@ from app.experiment.decisions import ExperimentFailed
 from app.records.record_types import End
 from app.system.disk import DiskError
 from app.system.errors import UserError, in_full
+from app.system.threads import start_thread
 from drivers.errors import DeviceError
 
 LOG = logging.getLogger(__name__)
@@ -100,11 +101,7 @@ class Ending:
 
     def spawn(self, name: str, work: Callable[[], None]) -> threading.Thread:
         """A thread, started, whose exceptions end the run by name."""
-        thread = threading.Thread(
-            target=self.attempt, args=(name, work), name=f"slipscope-{name}", daemon=True
-        )
-        thread.start()
-        return thread
+        return start_thread(name, self.attempt, name, work)
 
     def _note(self, reason: str, end: End, *, in_any_case: bool = False) -> None:
         LOG.log(logging.ERROR if end is End.FAILED else logging.INFO, "%s", reason)

@@ -25,6 +25,7 @@ from app.system.stopping import (
     sent_to,
     unread,
 )
+from app.system.threads import start_thread
 from drivers.answers import check_moves, check_position
 from drivers.errors import DeviceFault, OutOfLimits
 from drivers.protocols import Actuator
@@ -249,7 +250,7 @@ class Stage:
         name = self.name
         if name in self._watchdog.given_up:
             self.stop_refused(f"{name}: it does not return from its calls")
-            threading.Thread(target=self.stop_now, name="slipscope-stop", daemon=True).start()
+            start_thread("stop", self.stop_now)
         else:
             self._stop_by(self._watchdog.aside)
 

@@ -5,7 +5,6 @@ up on, and the stage is stopped as soon as the newest force is too old.
 from __future__ import annotations
 
 import queue
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
@@ -15,6 +14,7 @@ from typing import TypeAlias, TypeVar
 
 from app.acquisition.ending import FOR_PEOPLE, Ending, sentence
 from app.system.stopping import MotionStopped
+from app.system.threads import start_thread
 from drivers.errors import DeviceFault, DeviceTimeout
 from drivers.turns import POLL_S, TurnClock, done_beside, settle
 
@@ -141,9 +141,7 @@ class Watchdog(Patience):
             raise self._is_given_up(who)
         if self._calls is None:
             self._calls = queue.SimpleQueue()
-            threading.Thread(
-                target=_work, args=(self._calls,), name="slipscope-devices", daemon=True
-            ).start()
+            start_thread("devices", _work, self._calls)
         self.asked, call = who, Future[T]()
         self._calls.put(partial(settle, call, step))
         turns, give_up_s = TurnClock(), patience_s

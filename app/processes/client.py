@@ -7,7 +7,6 @@ from __future__ import annotations
 import logging
 import math
 import shutil
-import subprocess
 import threading
 import time
 from dataclasses import replace
@@ -33,6 +32,7 @@ from app.processes.starting import (
     Launch,
     Process,
     RunOrder,
+    end,
     start_process,
     wait_until_ready,
 )
@@ -381,11 +381,7 @@ class LaunchedPreview(BenchClient):
                 self._last_answer = self.orders("close", answer_s=CLOSES_S)
             except (Gone, Silent) as error:
                 LOG.debug("the preview does not close", exc_info=error)
-            try:
-                self.process.wait(CLOSES_S / 4)
-            except subprocess.TimeoutExpired:
-                self.process.kill()
-                self.process.wait()
+            end(self.process, CLOSES_S / 4)
             known = self._last_answer
             if known is None or known.has_failed:
                 self._last_answer = self.supervisor_answer() or known

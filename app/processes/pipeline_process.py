@@ -7,7 +7,6 @@ the reference; what it had found in between only started its searches.
 from __future__ import annotations
 
 import logging
-import subprocess
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -21,7 +20,7 @@ from app.evaluation.history import DriveForces
 from app.processes.analysis import StepAnswer
 from app.processes.calls import Caller, Gone, Silent
 from app.processes.folder import shared_image
-from app.processes.starting import Process, start_process, wait_until_ready
+from app.processes.starting import Process, end, start_process, wait_until_ready
 from app.records.effort import Effort
 from app.records.pixel_pattern import PixelPattern
 from app.records.record_types import Conditions, ContactResult, Phase, Snapshot
@@ -218,8 +217,4 @@ class PipelineProcess(FrameAnalysis):
             caller.close()
         for pipe in filter(None, (process.stdin, process.stdout)):
             pipe.close()
-        try:
-            process.wait(CLOSE_S)  # it ends as its standard input does
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        end(process, CLOSE_S)  # it ends as its standard input does

@@ -19,10 +19,8 @@ ENDING = {
 
 
 @contextmanager
-def acting_on_signals(
-    act: Callable[[str], None], names: tuple[str, ...] = tuple(ENDING)
-) -> Iterator[threading.Event]:
-    """Call `act` with the reason, in a thread of its own, for each of these signals that comes.
+def acting_on_signals(act: Callable[[str], None]) -> Iterator[threading.Event]:
+    """Call `act` with the reason, in a thread of its own, for each signal to end that comes.
 
     Their Python handlers do nothing: they wait for the main thread, which a window can hold up for
     seconds. Outside the main thread nothing is done, nor for a closed terminal after ``nohup``. The
@@ -32,7 +30,7 @@ def acting_on_signals(
     if threading.current_thread() is not threading.main_thread():
         yield has_come
         return
-    known = {getattr(signal, name): ENDING[name] for name in names if hasattr(signal, name)}
+    known = {getattr(signal, name): why for name, why in ENDING.items() if hasattr(signal, name)}
     reasons = {
         number: why
         for number, why in known.items()

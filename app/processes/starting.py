@@ -130,24 +130,27 @@ def wait_until_ready(
     try:
         ready = said.get(timeout=within_s)
     except queue.Empty:
-        process.kill()
-        process.wait()
+        end(process, 0.0)
         raise ProcessFailed(
             f"{part}: its process was not ready within {within_s:g} s and was ended:"
             f" {_reason(log)}; a driver may hang while it is imported or made"
         ) from None
     if isinstance(ready, Exception):
-        try:
-            code = process.wait(ENDS_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            code = process.wait()
+        code = end(process, ENDS_S)
         raise ProcessFailed(
             f"{part}: its process ended with code {code} before it was ready: {_reason(log)}"
         ) from None
     if isinstance(ready[0], UserError | DeviceError):
         raise ready[0]
     return ready[0]
+
+
+def end(process: Process, within_s: float) -> int:
+    """The exit code of a process, which is killed if it goes on for longer than that."""
+    with suppress(subprocess.TimeoutExpired):
+        return process.wait(within_s)
+    process.kill()
+    return process.wait()
 
 
 def _part(module: str) -> str:

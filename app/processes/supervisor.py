@@ -19,6 +19,7 @@ from pathlib import Path
 
 from app.processes.folder import write_stop_answer
 from app.processes.starting import next_awake, payload, report_ready
+from app.system.interrupting import ignore_signals_to_end
 from app.system.stopping import failed, sent_from_outside
 from app.system.threads import start_thread
 from drivers.protocols import OutsideStopper
@@ -41,8 +42,7 @@ class Watch:
 def main() -> None:
     """Watch until the bench says that it has ended, or must be stopped."""
     watch: Watch = payload()
-    for name in {"SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"} & set(dir(signal)):
-        signal.signal(getattr(signal, name), signal.SIG_IGN)
+    ignore_signals_to_end()
     beats: queue.SimpleQueue[str] = queue.SimpleQueue()
     start_thread("beats", _listen, beats)
     report_ready("watching")
