@@ -1,7 +1,6 @@
 """NI drivers and emulated boards, each in a world of its own, and what tests do to them."""
 
 import contextlib
-import threading
 
 import grpc
 import numpy as np
@@ -58,30 +57,6 @@ class NiBench(contextlib.ExitStack):
         forces = NiForces(ForceSettings(server=address, **(PATIENT | settings)), SampleClock(rate))
         self.callback(forces.close)
         return forces
-
-
-class InThread(threading.Thread):
-    """Reads until it fails; `begun` once the library is being asked, `error` is what it ended
-    with.
-    """
-
-    def __init__(self, forces):
-        super().__init__()
-        self.error, self.begun = None, threading.Event()
-        self._forces, self._ask = forces, forces._next_block
-        forces._next_block = self._note
-        self.start()
-
-    def _note(self, wait_s):
-        self.begun.set()
-        return self._ask(wait_s)
-
-    def run(self):
-        try:
-            while True:
-                self._forces.read(3600.0)
-        except Exception as error:
-            self.error = error
 
 
 def pieces(forces, samples, now=0):

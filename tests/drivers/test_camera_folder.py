@@ -1,12 +1,12 @@
 """A folder of images as a camera."""
 
-import threading
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from contracts import TRAIN, CameraContract
+from contracts import TRAIN
+from driver_runs import ClockedCameraContract, end_of_a_waiting_read, pass_time, started
 from PIL import Image
 
 from drivers.cameras.image_folder import (
@@ -17,7 +17,7 @@ from drivers.cameras.image_folder import (
     in_order_of_numbers,
 )
 from drivers.clock import SampleClock
-from drivers.errors import DeviceError, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.errors import DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.protocols import Frame, LostFrame
 from drivers.settings import CameraSettings
 
@@ -41,25 +41,11 @@ def make(folder, clock, **changes):
     return FolderCamera(CameraSettings(folder=str(folder), **(size | changes)), clock)
 
 
-def pass_time(clock, sample):
-    if clock.phase == "idle":
-        clock.start()
-    clock.advance(sample)
-
-
-class TestFolderCamera(CameraContract):
+class TestFolderCamera(ClockedCameraContract):
     @pytest.fixture
     def camera(self, tmp_path, clock):
         save(tmp_path, [f"{n}.png" for n in range(6)])
         return make(tmp_path, clock)
-
-    @pytest.fixture
-    def run_until(self, clock):
-        return lambda sample: pass_time(clock, sample)
-
-    @pytest.fixture
-    def end_clock(self, clock):
-        return clock.stop
 
 
 def test_images_come_in_the_order_of_their_numbers(tmp_path, clock):
@@ -108,9 +94,7 @@ def test_16_bit_images(tmp_path, clock):
     image = np.arange(64 * 80, dtype=np.uint16).reshape(SHAPE) * 10
     for name in ("a.png", "b.tif"):
         cv2.imwrite(str(tmp_path / name), image)
-    camera = make(tmp_path, clock, pixel_format="Mono16")
-    camera.open()
-    camera.start(TRAIN)
+    camera = started(make(tmp_path, clock, pixel_format="Mono16"))
     pass_time(clock, 1000)
     for _ in range(2):
         read = camera.read(1.0).image
@@ -123,9 +107,7 @@ def test_files_that_can_not_be_used_and_the_end_are_losses(tmp_path, clock):
     save(tmp_path, ["3.png"], shape=(4, 80))
     (tmp_path / "2.png").write_bytes(b"\x89PNG and then nothing")
     Image.new("RGB", (80, 64)).save(tmp_path / "5.png")
-    camera = make(tmp_path, clock)
-    camera.open()
-    camera.start(TRAIN)
+    camera = started(make(tmp_path, clock))
     pass_time(clock, 10_000)
     answers = [camera.read(1.0) for _ in range(7)]
     assert [(a.index, a.sample) for a in answers] == [(n, TRAIN.sample(n)) for n in range(7)]
@@ -170,23 +152,6 @@ def test_a_folder_that_is_empty_or_missing_is_refused(tmp_path, clock, name):
 
 def test_stop_ends_a_waiting_read(tmp_path, clock):
     save(tmp_path, ["0.png"])
-    camera = make(tmp_path, clock)
-    camera.open()
-    camera.start(TRAIN)
-    ended, waits = [], threading.Event()
-    wait_for = clock.wait_for
-    clock.wait_for = lambda *args: (waits.set(), wait_for(*args))[1]
-
-    def wait():
-        try:
-            camera.read(60.0)
-        except DeviceError as error:
-            ended.append(error)
-
-    waiting = threading.Thread(target=wait)
-    waiting.start()
-    assert waits.wait(20.0)
-    camera.stop()
-    waiting.join(20.0)
-    assert not waiting.is_alive()
-    assert isinstance(ended[0], DeviceTimeout)
+    camera = started(make(tmp_path, clock))
+    error = end_of_a_waiting_read(camera, camera.stop, clock, "wait_for")
+    assert isinstance(error, DeviceTimeout)

@@ -6,19 +6,19 @@ camera on the same code, `drivers.cameras.genicam_camera`.
 """
 
 import signal
-import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from contracts import TRAIN, CameraContract
+from contracts import TRAIN
+from driver_runs import ClockedCameraContract, end_of_a_waiting_read, packed, pass_time, started
 
 from drivers.cameras import gentl_camera as camera_gentl
 from drivers.cameras.genicam_camera import _NEUTRAL
 from drivers.cameras.gentl_camera import GenTLCamera
 from drivers.clock import SampleClock
-from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
+from drivers.errors import DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
 from drivers.frame_matching import witnesses
 from drivers.protocols import Found, TriggerTrain
 from drivers.settings import CameraSettings
@@ -56,19 +56,10 @@ def make(clock):
         camera.close()
 
 
-class TestGenTLCamera(CameraContract):
+class TestGenTLCamera(ClockedCameraContract):
     @pytest.fixture
     def camera(self, make):
         return make()
-
-    @pytest.fixture
-    def run_until(self, clock):
-        def run(sample):
-            if clock.phase == "idle":
-                clock.start()
-            clock.advance(sample)
-
-        return run
 
     # a camera that runs freely sends images without triggers
     test_a_trigger_that_has_not_come_is_a_timeout_and_may_still_come = None
@@ -85,8 +76,7 @@ def test_images_are_those_of_the_producer_in_order(make, clock, monkeypatch):
         " exposure as the camera is set"
     )
     camera.start(TRAIN)
-    clock.start()
-    clock.advance(10_000)
+    pass_time(clock, 10_000)
     frames = [camera.read(60.0) for _ in range(20)]
     assert [frame.index for frame in frames] == list(range(20))
     assert len({frame.image.tobytes() for frame in frames}) > 10  # a ball moves
@@ -108,11 +98,8 @@ def test_timestamps_are_those_of_the_camera_s_clock(make, timestamp, clock_of):
 
 
 def test_images_without_triggers_are_a_fault(make, clock):
-    camera = make()
-    camera.open()
-    camera.start(TriggerTrain(0, 1000))
-    clock.start()
-    clock.advance(1500)
+    camera = started(make(), TriggerTrain(0, 1000))
+    pass_time(clock, 1500)
     assert [camera.read(5.0).index for _ in range(2)] == [0, 1]
     with pytest.raises(DeviceFault, match="an image came long before trigger 4"):
         camera.read(5.0)
@@ -121,8 +108,7 @@ def test_images_without_triggers_are_a_fault(make, clock):
 def test_it_can_be_stopped_and_started_again(make, clock):
     camera = make()
     camera.open()
-    clock.start()
-    clock.advance(10_000)
+    pass_time(clock, 10_000)
     for _ in range(3):
         camera.start(TRAIN)
         assert [camera.read(5.0).index for _ in range(2)] == [0, 1]
@@ -130,28 +116,10 @@ def test_it_can_be_stopped_and_started_again(make, clock):
 
 
 def test_stop_ends_a_waiting_read(make):
-    camera = make()
-    camera.open()
-    camera.start(TriggerTrain(0, 100))
+    camera = started(make())
     camera._acquirer.remote_device.node_map.AcquisitionStop.execute()
-    ended, waits = [], threading.Event()
-    receive = camera._receive
-    camera._receive = lambda wait_s: (waits.set(), receive(wait_s))[1]
-
-    def wait():
-        try:
-            while True:
-                camera.read(60.0)
-        except DeviceError as error:
-            ended.append(error)
-
-    waiting = threading.Thread(target=wait)
-    waiting.start()
-    assert waits.wait(20.0)
-    camera.stop()
-    waiting.join(20.0)
-    assert not waiting.is_alive()
-    assert isinstance(ended[0], DeviceTimeout | DeviceFault)
+    error = end_of_a_waiting_read(camera, camera.stop, camera, "_receive")
+    assert isinstance(error, DeviceTimeout | DeviceFault)
 
 
 def test_the_interrupt_key_stays_ours(make):
@@ -192,13 +160,7 @@ def test_harvesters_unpacks_packed_formats_onto_their_own_scale(pixel_format):
     """
     from harvesters.util import pfnc
 
-    values, bits = [0x123, 0x2BC, 0x3FF, 0x001], int(pixel_format[4:6])
-    if pixel_format == "Mono12Packed":
-        raw = b"".join(
-            bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:])
-        )
-    else:
-        raw = sum(v << bits * i for i, v in enumerate(values)).to_bytes(bits * 4 // 8, "little")
+    values, raw = packed(pixel_format)
     assert getattr(pfnc, pixel_format)().expand(np.frombuffer(raw, np.uint8)).tolist() == values
 
 
@@ -295,8 +257,7 @@ def test_a_camera_without_features_is_used_as_its_frame_grabber_sets_it(grabber,
     camera = grabber(has)
     assert "120 x 100 Mono8, trigger and exposure as the camera is set" in camera.describe()
     camera.start(TRAIN)
-    clock.start()
-    clock.advance(10_000)
+    pass_time(clock, 10_000)
     frames = [camera.read(60.0) for _ in range(3)]
     assert [frame.index for frame in frames] == [0, 1, 2]
     assert all(frame.image.shape == (100, 120) for frame in frames)
@@ -318,8 +279,7 @@ def test_images_of_a_frame_grabber_that_are_not_as_the_settings_say_are_told(
 ):
     camera = grabber(has, **other)
     camera.start(TRAIN)
-    clock.start()
-    clock.advance(10_000)
+    pass_time(clock, 10_000)
     with pytest.raises(DeviceFault, match=f"its images are {found}, and the settings say 120 x 1"):
         camera.read(60.0)
 

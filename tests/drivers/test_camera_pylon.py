@@ -2,13 +2,13 @@
 camera, the tests supply the edges.
 """
 
-import threading
 import time
 
 import cv2
 import numpy as np
 import pytest
 from contracts import TRAIN, CameraContract
+from driver_runs import end_of_a_waiting_read, packed, started
 
 from drivers.cameras import pylon_camera as camera_pylon
 from drivers.cameras.pylon_camera import PylonCamera
@@ -103,8 +103,7 @@ class TestPylonCamera(CameraContract):
 
 def test_missed_late_lost_and_failed_are_found_at_their_true_index(clock, make):
     camera, bench = make(), Bench(clock, counts=True)
-    camera.open()
-    camera.start(TRAIN)
+    started(camera)
     bench.run_until(camera, 150, [(0, 0)])
     bench.run_until(camera, 195)  # trigger 1 is missed
     bench.run_until(camera, 290, [(2, 7)])
@@ -127,8 +126,7 @@ def test_missed_late_lost_and_failed_are_found_at_their_true_index(clock, make):
 
 def test_twenty_triggers_at_once_are_one_frame_and_nineteen_missed(clock, make):
     camera, bench = make(exposure=0.02), Bench(clock, counts=True)
-    camera.open()
-    camera.start(TRAIN)
+    started(camera)
     bench.clock.start(counts_exposures=True)
     fire(camera, 20)
     bench.began.append(0)
@@ -141,9 +139,7 @@ def test_twenty_triggers_at_once_are_one_frame_and_nineteen_missed(clock, make):
 
 
 def test_a_missed_trigger_without_a_counter_leaves_uncertain_frames(make, bench):
-    camera = make()
-    camera.open()
-    camera.start(TRAIN)
+    camera = started(make())
     bench.run_until(camera, 1000, [(n, 0) for n in range(9)])  # of ten
     answers = [camera.read(5.0) for _ in range(10)]
     assert [answer.index for answer in answers] == list(range(10))
@@ -153,18 +149,14 @@ def test_a_missed_trigger_without_a_counter_leaves_uncertain_frames(make, bench)
 
 def test_images_wait_for_two_seconds_of_triggers(make, bench):
     train = TriggerTrain(0, 40)
-    camera = make()
-    camera.open()
-    camera.start(train)
+    camera = started(make(), train)
     assert camera.device.MaxNumBuffer.Value == 50
     bench.run_until(camera, 2000, [(n, 0) for n in range(50)], train)
     assert [camera.read(5.0).index for _ in range(50)] == list(range(50))
 
 
 def test_a_camera_that_is_unplugged_is_a_fault_at_once(make, bench):
-    camera = make()
-    camera.open()
-    camera.start(TRAIN)
+    camera = started(make())
     bench.run_until(camera, 150, [(0, 0)])
     assert camera.read(5.0).index == 0
     camera.device.FirePnPCallback.Execute()
@@ -177,27 +169,10 @@ def test_a_camera_that_is_unplugged_is_a_fault_at_once(make, bench):
 
 
 def test_stop_ends_a_waiting_read(make):
-    camera = make()
-    camera.open()
-    camera.start(TRAIN)
-    ended, waits = [], threading.Event()
-    receive = camera._receive
-    camera._receive = lambda wait_s: (waits.set(), receive(wait_s))[1]
-
-    def wait():
-        try:
-            camera.read(60.0)
-        except DeviceError as error:
-            ended.append(error)
-
-    waiting = threading.Thread(target=wait)
-    waiting.start()
-    assert waits.wait(20.0)
-    camera.stop()
-    waiting.join(20.0)
-    assert not waiting.is_alive()
-    assert isinstance(ended[0], DeviceTimeout)
-    assert "stopped before the next frame" in str(ended[0])
+    camera = started(make())
+    error = end_of_a_waiting_read(camera, camera.stop, camera, "_receive")
+    assert isinstance(error, DeviceTimeout)
+    assert "stopped before the next frame" in str(error)
 
 
 # ------------------------------------------------------------------ settings
@@ -226,14 +201,7 @@ def test_pypylon_unpacks_packed_formats_onto_their_own_scale(pixel_format):
     """The emulated camera offers no packed format: what the driver relies on, checked on a packed
     image made by hand.
     """
-    values, bits = [0x123, 0x2BC, 0x3FF, 0x001], int(pixel_format[4:6])
-    # eight high bits of the first, then the low bits of both, then eight high bits of the second
-    if pixel_format == "Mono12packed":
-        raw = b"".join(
-            bytes([x >> 4, x & 15 | (y & 15) << 4, y >> 4]) for x, y in (values[:2], values[2:])
-        )
-    else:  # one stream of bits, lowest first
-        raw = sum(v << bits * i for i, v in enumerate(values)).to_bytes(bits * 4 // 8, "little")
+    values, raw = packed(pixel_format)
     image = pylon.PylonImage()
     image.AttachMemoryView(
         memoryview(bytearray(raw)), getattr(pylon, f"PixelType_{pixel_format}"), 4, 1, 0
@@ -350,9 +318,7 @@ def test_triggers_faster_than_the_camera_are_refused(make, exposure, divisor, li
 
 
 def test_exposure_and_gain_change_while_it_takes_images(make, bench):
-    camera = make()
-    camera.open()
-    camera.start(TRAIN)
+    camera = started(make())
     bench.run_until(camera, 150, [(0, 0)])
     assert isinstance(camera.read(5.0), Frame)
     camera.adjust(0.002, 3.0)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from contracts import TRAIN, CameraContract
+from driver_runs import started
 from worlds import scenario
 
 from drivers.clock import SampleClock
@@ -46,9 +47,7 @@ def board(here, counts, until):
 
 def run(here, train, samples, counts=True):
     """All answers of a run with two threads, and the error that ended it."""
-    camera = here.camera
-    camera.open()
-    camera.start(train)
+    camera = started(here.camera, train)
     here.clock.start(counts_exposures=counts)
     here.world.start(train)
     answers, error = [], None

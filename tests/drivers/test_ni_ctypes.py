@@ -12,6 +12,7 @@ import nidaqmx._lib
 import numpy as np
 import pytest
 from contracts import TRAIN
+from driver_runs import started
 
 from drivers.clock import SampleClock
 from drivers.daq.ni_daq import NiForces, find
@@ -85,8 +86,7 @@ def test_create_read_and_close(stub, install, forces):
 
 def test_overwritten_samples_and_a_time_out(stub, install, forces):
     install(stub)
-    forces.open()
-    forces.start(TRAIN)
+    started(forces)
     forces.read(1.0)
     forces.read(1.0)
     gap = forces.read(1.0)

@@ -6,6 +6,7 @@ import grpc
 import numpy as np
 import pytest
 from contracts import TRAIN, ForceSourceContract
+from driver_runs import started
 from ni_bench import QUICK, NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
 from nidaqmx.constants import AcquisitionType, TerminalConfiguration
@@ -45,8 +46,7 @@ class TestEmulatedNiForces(ForceSourceContract):
         for _ in range(2):
             forces.open()
             forces.close()
-        forces.open()
-        forces.start(TRAIN)
+        started(forces)
         assert forces.read(5.0).first == 0
 
 
@@ -55,8 +55,7 @@ def test_its_volts_are_those_of_the_simulated_board_to_the_bit(ni, block):
     forces = ni.emulated(block=block)
     simulated = SimForces(World(scenario(QUICK, block=block), None))
     for source in (forces, simulated):
-        source.open()
-        source.start(TRAIN)
+        started(source)
     for _ in range(10):
         ours, theirs = forces.read(5.0), simulated.read(5.0)
         np.testing.assert_array_equal(ours.volts, theirs.volts)
@@ -93,9 +92,7 @@ def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni, monkey
         create(self, r)
 
     monkeypatch.setattr(_Calls, "CreateAIVoltageChan", note)
-    forces = ni.emulated(channels=("ai7", "ai2"), wiring="nrse", range=(1.0, 0.005))
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated(channels=("ai7", "ai2"), wiring="nrse", range=(1.0, 0.005)))
     volts = np.concatenate([forces.read(5.0).volts for _ in range(5)])
     np.testing.assert_array_equal(
         volts, np.clip(reference(250, range=(1.0, 0.005)), (-1, -0.005), (1, 0.005))
@@ -104,9 +101,7 @@ def test_the_inputs_are_those_of_the_settings_and_end_at_their_ranges(ni, monkey
 
 
 def test_the_triggers_end_before_the_samples(ni, monkeypatch):
-    forces = ni.emulated(exposure_counter="ctr1")
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated(exposure_counter="ctr1"))
     board, ended = forces.server.board, []
     stop = board.stop
     monkeypatch.setattr(board, "stop", lambda task: [ended.append(task.kind), stop(task)])
@@ -130,9 +125,7 @@ def test_the_triggers_end_before_the_samples(ni, monkeypatch):
 )
 @pytest.mark.parametrize("rate", [1000, 2500])
 def test_the_board_sends_the_pulses_that_were_asked(ni, trigger, train, rate):
-    forces = ni.emulated(trigger=trigger, sample_rate=rate)
-    forces.open()
-    forces.start(TriggerTrain(*train))
+    forces = started(ni.emulated(trigger=trigger, sample_rate=rate), TriggerTrain(*train))
     assert forces.world.pulses == TriggerTrain(*train)
 
 
@@ -187,8 +180,7 @@ def test_a_counter_that_overflows_counts_on(ni, monkeypatch):
 def test_the_backlog_reaches_to_the_newest_sample(ni):
     forces = ni.emulated("daq-overflow 50 300", pace=10.0)
     assert forces.backlog() == 0
-    forces.open()
-    forces.start(TRAIN)
+    started(forces)
     world = forces.world
     assert world.wait_for(lambda: world.now >= 600, 20.0)
     end, size = 0, 50
@@ -209,9 +201,7 @@ def test_the_backlog_reaches_to_the_newest_sample(ni):
 
 def test_a_second_of_many_channels_is_read_at_once(ni):
     auxiliary = tuple(f"input{n} ai{n} V" for n in range(2, 6))
-    forces = ni.emulated(sample_rate=100_000, auxiliary=auxiliary)
-    forces.open()
-    forces.start(TriggerTrain(0, 12_500))
+    forces = started(ni.emulated(sample_rate=100_000, auxiliary=auxiliary), TriggerTrain(0, 12_500))
     forces._waiting = 100_000  # as `backlog` has found them
     assert forces.read(20.0).auxiliary.shape == (100_000, 4)
 
@@ -219,9 +209,10 @@ def test_a_second_of_many_channels_is_read_at_once(ni):
 @pytest.mark.parametrize(("at", "gap"), [(500, (500, 300)), (520, (500, 320)), (0, (0, 300))])
 @pytest.mark.parametrize("pace", [None, 10.0])
 def test_overwritten_samples_are_a_gap_of_their_true_length(ni, at, gap, pace):
-    forces = ni.emulated(f"daq-overflow {at} 300", pace=pace, exposure_counter="ctr1")
-    forces.open()
-    forces.start(TriggerTrain(0, 42))
+    forces = started(
+        ni.emulated(f"daq-overflow {at} 300", pace=pace, exposure_counter="ctr1"),
+        TriggerTrain(0, 42),
+    )
     read = pieces(forces, 1500)
     lost = [piece for piece in read if isinstance(piece, LostSamples)]
     assert [(piece.first, piece.count) for piece in lost] == [gap]
@@ -237,17 +228,13 @@ def test_overwritten_samples_are_a_gap_of_their_true_length(ni, at, gap, pace):
 
 
 def test_a_second_gap_is_of_its_true_length_as_well(ni):
-    forces = ni.emulated("daq-overflow 500 300", "daq-overflow 1000 200")
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated("daq-overflow 500 300", "daq-overflow 1000 200"))
     lost = [piece for piece in pieces(forces, 1500) if isinstance(piece, LostSamples)]
     assert [(piece.first, piece.count) for piece in lost] == [(500, 300), (1000, 200)]
 
 
 def test_what_nobody_reads_is_overwritten_and_what_follows_keeps_its_number(ni):
-    forces = ni.emulated(pace=20.0, buffer=1.0, exposure_counter="ctr1")
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated(pace=20.0, buffer=1.0, exposure_counter="ctr1"))
     world = forces.world
     assert world.wait_for(lambda: world.now > 3000, 20.0)
     read = pieces(forces, 1)

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import trustme
 from contracts import TRAIN
-from ni_bench import InThread, NiBench, check_samples, pieces, reference
+from driver_runs import PATIENT_S, end_of_a_waiting_read, started
+from ni_bench import NiBench, check_samples, pieces, reference
 from nidaqmx import GrpcSessionOptions, Task
 from nidaqmx.errors import DaqError
 from python_program import python
@@ -22,8 +23,6 @@ from python_program import python
 from drivers.daq import ni_channel, ni_daq
 from drivers.emulators.board import NiError
 from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, DeviceTimeout, OutOfLimits
-
-PATIENT_S = 60.0
 
 
 @pytest.fixture
@@ -36,9 +35,7 @@ def ni():
 
 
 def test_a_time_out_loses_nothing(ni):
-    forces = ni.emulated(pace=1e-3, block=250, exposure_counter="ctr1")
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated(pace=1e-3, block=250, exposure_counter="ctr1"))
     for _ in range(2):
         with pytest.raises(
             DeviceTimeout,
@@ -50,9 +47,7 @@ def test_a_time_out_loses_nothing(ni):
 
 
 def test_one_thread_at_a_time_talks_to_the_library(ni, monkeypatch):
-    forces = ni.emulated()
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated())
     board, is_held = forces.server.board, []
     for name in ("read", "total"):
         ask = getattr(board, name)
@@ -65,30 +60,18 @@ def test_one_thread_at_a_time_talks_to_the_library(ni, monkeypatch):
 
 
 def test_a_read_that_waits_ends_when_another_thread_stops(ni):
-    forces = ni.emulated(pace=1e-3)
-    forces.open()
-    forces.start(TRAIN)
-    reader = InThread(forces)
-    assert reader.begun.wait(PATIENT_S)
-    forces.stop()
-    reader.join(PATIENT_S)
-    assert not reader.is_alive()
-    assert isinstance(reader.error, DeviceFault)
-    assert "stopped" in str(reader.error)
+    forces = started(ni.emulated(pace=1e-3))
+    error = end_of_a_waiting_read(forces, forces.stop, forces, "_next_block")
+    assert isinstance(error, DeviceFault)
+    assert "stopped" in str(error)
 
 
 def test_an_unplugged_board_ends_a_read_that_waits_and_closes_quietly(ni):
     server = ni.serve(pace=1e-3)
-    forces = ni.connect(server.address)
-    forces.open()
-    forces.start(TRAIN)
-    reader = InThread(forces)
-    assert reader.begun.wait(PATIENT_S)
-    server.board.unplug()
-    reader.join(PATIENT_S)
-    assert not reader.is_alive()
-    assert isinstance(reader.error, DeviceFault)
-    assert "the board is gone; check its cable" in str(reader.error)
+    forces = started(ni.connect(server.address))
+    error = end_of_a_waiting_read(forces, server.board.unplug, forces, "_next_block")
+    assert isinstance(error, DeviceFault)
+    assert "the board is gone; check its cable" in str(error)
     for again in (lambda: forces.read(1.0), lambda: forces.start(TRAIN)):
         with pytest.raises(DeviceFault, match="gone"):
             again()
@@ -101,9 +84,7 @@ def test_an_unplugged_board_ends_a_read_that_waits_and_closes_quietly(ni):
 
 @pytest.mark.parametrize("pace", [None, 10.0])
 def test_a_server_that_dies_at_a_sample_is_told_there(ni, pace):
-    forces = ni.emulated("daq-gone 420", pace=pace)
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated("daq-gone 420", pace=pace))
     read = []
     with pytest.raises(
         DeviceFault,
@@ -131,22 +112,15 @@ def test_a_server_that_dies_in_the_middle_of_a_read_is_told(ni, end):
         [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True
     ) as server:
         try:
-            forces = ni.connect(server.stdout.readline().strip(), answer_time=2.0)
-            forces.open()
-            forces.start(TRAIN)
-            reader = InThread(forces)
-            assert reader.begun.wait(PATIENT_S)
-            if end == "kill" or sys.platform == "win32":
-                server.kill()
-            else:
-                server.send_signal(signal.SIGSTOP)
-            reader.join(PATIENT_S)
-            assert not reader.is_alive()
+            forces = started(ni.connect(server.stdout.readline().strip(), answer_time=2.0))
+            kills = end == "kill" or sys.platform == "win32"
+            die = server.kill if kills else lambda: server.send_signal(signal.SIGSTOP)
+            error = end_of_a_waiting_read(forces, die, forces, "_next_block")
             forces.close()
         finally:
             server.kill()
-    assert isinstance(reader.error, DeviceFault)
-    assert "does not answer" in str(reader.error)
+    assert isinstance(error, DeviceFault)
+    assert "does not answer" in str(error)
 
 
 @pytest.mark.parametrize("where", ["opening", "running"])
@@ -156,8 +130,7 @@ def test_a_server_that_accepts_calls_and_does_not_answer_is_a_fault_in_time(ni, 
     check, server.board.check = server.board.check, lambda: silent.wait(PATIENT_S)
     if where == "running":
         server.board.check = check
-        forces.open()
-        forces.start(TRAIN)
+        started(forces)
         forces.read(5.0)
         server.board.check = lambda: silent.wait(PATIENT_S)
     began = time.monotonic()
@@ -173,14 +146,10 @@ def test_a_server_that_accepts_calls_and_does_not_answer_is_a_fault_in_time(ni, 
 
 
 def test_a_server_that_falls_silent_or_is_slow_by_a_fault_of_the_world(ni):
-    slow = ni.emulated("slow-server 0 50", pace=1.0)
-    slow.open()
-    slow.start(TRAIN)
+    slow = started(ni.emulated("slow-server 0 50", pace=1.0))
     assert slow.read(5.0).first == 0
     slow.close()
-    silent = ni.emulated("silent-server 300", pace=1.0, answer_time=3.0)
-    silent.open()
-    silent.start(TRAIN)
+    silent = started(ni.emulated("silent-server 300", pace=1.0, answer_time=3.0))
 
     def read_on():
         for _ in range(200):
@@ -297,9 +266,7 @@ def test_a_board_that_another_program_uses_is_told_and_free_again_once_that_has_
     ],
 )
 def test_other_ends_of_a_run_are_told(ni, monkeypatch, code, sentence):
-    forces = ni.emulated()
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(ni.emulated())
 
     def fail(*args):
         raise NiError(code, "the hardware caught fire.\nDevice: Dev1")
@@ -355,9 +322,9 @@ def certificates(tmp_path_factory):
 
 def test_an_encrypted_connection(ni, certificates):
     server = ni.serve(tls=certificates.server)
-    forces = ni.connect(server.address, certificate=str(certificates.folder / "authority.pem"))
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(
+        ni.connect(server.address, certificate=str(certificates.folder / "authority.pem"))
+    )
     np.testing.assert_array_equal(forces.read(5.0).volts, reference(50))
 
 

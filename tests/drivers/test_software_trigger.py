@@ -4,6 +4,7 @@ import threading
 
 import numpy as np
 import pytest
+from driver_runs import pass_time, started
 
 from drivers.cameras import software_trigger
 from drivers.cameras.software_trigger import SoftwareTriggered
@@ -35,12 +36,9 @@ class Hanging(SoftwareTriggered):
 def test_a_camera_that_does_not_return_keeps_nobody(monkeypatch):
     monkeypatch.setattr(software_trigger, "PATIENCE_S", 0.1, raising=False)
     clock = SampleClock(1000.0)
-    camera = Hanging(clock)
-    camera.open()
-    camera.start(TriggerTrain(0, 100))
+    camera = started(Hanging(clock))
     (thread,) = (t for t in threading.enumerate() if t.name == "webcam")
-    clock.start()
-    clock.advance(150)
+    pass_time(clock, 150)
     assert camera.grabs.wait(30)
     assert thread.daemon  # it does not keep the program
     problems, returned = [], threading.Event()
@@ -71,11 +69,8 @@ class Webcam(Hanging):
 
 def test_triggers_that_were_passed_over_are_losses_and_an_image_is_as_old_as_the_latency():
     clock = SampleClock(1000.0)
-    clock.start()
-    clock.advance(305)  # 10 samples of latency: it may show the sample 295, or 315
-    camera = Webcam(clock)
-    camera.open()
-    camera.start(TriggerTrain(0, 100))
+    pass_time(clock, 305)  # 10 samples of latency: it may show the sample 295, or 315
+    camera = started(Webcam(clock))
     answers = [camera.read(30.0) for _ in range(4)]
     camera.close()
     assert [answer.index for answer in answers] == [0, 1, 2, 3]

@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import whole_runs
-from contracts import CameraContract, ForceSourceContract
+from contracts import ForceSourceContract
+from driver_runs import ClockedCameraContract, pass_time, started
 from short_run import SMALL
 
 from app.runs import live
@@ -19,8 +20,6 @@ from drivers.errors import DeviceError, DeviceFault, DeviceNotFound, OutOfLimits
 from drivers.protocols import Frame, LostFrame, LostSamples, TriggerTrain
 from drivers.recorded import StoredActuator, StoredCamera, StoredForces
 from drivers.settings import ActuatorSettings, CameraSettings, ForceSettings
-
-TRAIN = TriggerTrain(0, 100)
 
 
 class Tape:
@@ -62,23 +61,10 @@ class TestStoredForces(ForceSourceContract):
         return StoredForces(ForceSettings(), clock, Tape(gap=(0, 0)))
 
 
-class TestStoredCamera(CameraContract):
+class TestStoredCamera(ClockedCameraContract):
     @pytest.fixture
     def camera(self, clock):
         return StoredCamera(CameraSettings(), clock, Tape())
-
-    @pytest.fixture
-    def run_until(self, clock):
-        def run(sample):
-            if clock.phase == "idle":
-                clock.start()
-            clock.advance(sample)
-
-        return run
-
-    @pytest.fixture
-    def end_clock(self, clock):
-        return clock.stop
 
 
 def test_a_stored_stage_goes_where_it_went_once_it_is_told(clock):
@@ -157,9 +143,7 @@ def test_a_recorded_stage_arrives_at_the_end_of_each_leg(clock, turns_um, rest):
 
 
 def test_a_gap_stays_a_gap_and_the_end_is_told(clock):
-    forces = StoredForces(ForceSettings(), clock, Tape(gap=(510, 530)))
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(StoredForces(ForceSettings(), clock, Tape(gap=(510, 530))))
     blocks = []
     while not blocks or blocks[-1].end < 900:
         blocks.append(forces.read(1.0))
@@ -172,11 +156,8 @@ def test_a_gap_stays_a_gap_and_the_end_is_told(clock):
 
 
 def test_a_lost_image_stays_lost_and_beyond_the_last_there_is_none(clock):
-    camera = StoredCamera(CameraSettings(), clock, Tape())
-    camera.open()
-    camera.start(TRAIN)
-    clock.start()
-    clock.advance(2000)
+    camera = started(StoredCamera(CameraSettings(), clock, Tape()))
+    pass_time(clock, 2000)
     answers = [camera.read(1.0) for _ in range(11)]
     assert [isinstance(a, Frame) for a in answers] == [True] * 5 + [False] + [True] * 3 + [
         False
@@ -310,9 +291,7 @@ def test_what_a_block_costs_does_not_grow_with_what_is_left(clock, monkeypatch):
     tape = Tape(gap=(0, 0))
     tape.volts = np.ones((200_000, 2))
     tape.volts[1000:1020] = tape.volts[150_010:160_000] = np.nan
-    forces = StoredForces(ForceSettings(), clock, tape)
-    forces.open()
-    forces.start(TRAIN)
+    forces = started(StoredForces(ForceSettings(), clock, tape))
     blocks, end = [], 0
     while end < 200_000:
         block = forces.read(1.0)

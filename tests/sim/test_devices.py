@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from contracts import TRAIN, ActuatorContract, CameraContract, ForceSourceContract
+from driver_runs import end_of_a_waiting_read
 from worlds import TINY, scenario
 
 import drivers.bench
@@ -169,38 +170,14 @@ def test_blocks_with_more_frames_than_may_wait_still_pass():
 
 
 @pytest.mark.parametrize("end", ["camera", "forces"])
-def test_a_waiting_read_ends_when_its_device_is_stopped(end, monkeypatch):
+def test_a_waiting_read_ends_when_its_device_is_stopped(end):
     bench = fake_bench(FREE, None)
-    ended, waits = [], threading.Event()
-    wait_for = bench.world.wait_for
-    monkeypatch.setattr(bench.world, "wait_for", lambda *args: (waits.set(), wait_for(*args))[1])
-    wait_s = bench.world._wait_s
-
-    def note_wait(n):
-        seconds = wait_s(n)
-        if seconds > 0:
-            waits.set()
-        return seconds
-
-    monkeypatch.setattr(bench.world, "_wait_s", note_wait)
     with bench:
         bench.camera.start(TRAIN)
         bench.forces.start(TRAIN)
-
-        def wait():
-            try:
-                while True:
-                    bench.camera.read(60.0) if end == "camera" else bench.forces.read(60.0)
-            except DeviceError as error:
-                ended.append(error)
-
-        waiting = threading.Thread(target=wait)
-        waiting.start()
-        assert waits.wait(20.0)
-        (bench.camera if end == "camera" else bench.forces).stop()
-        waiting.join(20.0)
-        assert not waiting.is_alive()
-    assert isinstance(ended[0], DeviceTimeout if end == "camera" else DeviceFault)
+        device = getattr(bench, end)
+        error = end_of_a_waiting_read(device, device.stop, bench.world._changed, "wait")
+    assert isinstance(error, DeviceTimeout if end == "camera" else DeviceFault)
 
 
 def test_an_exposure_cut_by_the_end_gives_no_frame():
