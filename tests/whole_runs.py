@@ -42,10 +42,23 @@ def replayed(path: Path) -> Replay:
 
 
 class RunFile:
-    """What the file of a run holds, once it was read."""
+    """A run in a simulated world, and what its file holds once it has ended."""
 
-    def read(self, path: Path) -> None:
-        """Read forces, images and events; every trigger and every gap as they stand in the file."""
+    run: Any
+
+    def end(self) -> None:
+        """Wait for the end."""
+        outcome = self.run.wait(PATIENCE_S)
+        assert outcome is not None, "the run did not end"
+        self.outcome: Outcome = outcome
+
+    def read(self, path: Path, travel_m: float) -> None:
+        """Read forces, images and events; every trigger and every gap as they stand in the file.
+
+        They must agree with the account, and the stage has gone no further than it was asked to.
+        """
+        self.world, self.counts = self.run._bench.world, self.outcome.counts
+        assert 0 <= self.world.stage_m() <= travel_m + 1e-9
         with SessionReader(path) as s:
             self.volts, self.newtons = s.forces().volts, s.forces().forces
             self.frames = {index: (sample, image.copy()) for index, sample, image in s.frames()}
@@ -62,11 +75,32 @@ class RunFile:
             self.uncertain = {n: span for n, span in spans if span != (n, n)}
             gaps = (f[f"/entry/gaps/{name}"][:].tolist() for name in ("first", "count"))
             self.gaps = list(zip(*gaps, strict=True))
+        assert self.is_accounted_for()
+        assert (self.state, self.reason) == (self.outcome.state, self.outcome.reason)
 
     @property
     def lost(self) -> dict[int, str]:
         """Index -> reason of every trigger without an image."""
         return {index: reason for index, (_, reason) in self.triggers.items() if reason}
+
+    def is_accounted_for(self) -> bool:
+        """Whether every trigger is there once and in order, and every sample or its gap."""
+        return (
+            list(self.triggers) == list(range(self.counts.triggers))
+            and len(self.frames) == self.counts.frames_recorded == self.counts.frames_received
+            and len(self.lost) == self.counts.frames_lost
+            and len(self.volts) == self.counts.samples + self.counts.samples_lost
+        )
+
+    def stands(self) -> bool:
+        """Whether nothing moves in the world any more, or will."""
+        return self.world._moves[-1].speed == 0 or not self.world.is_moving()
+
+    def check_failed(self, *reasons: str, stands: bool = True) -> None:
+        """It failed for one of these reasons, with the stage at rest."""
+        assert self.state == "failed"
+        assert any(reason in self.reason for reason in reasons), self.reason
+        assert self.stands() or not stands
 
 
 def frames_of(path: Path) -> list[tuple[Any, ...]]:

@@ -15,7 +15,6 @@ from drivers.sim.images import Renderer
 SMALL = (*short_run.SMALL, "run.travel=30")
 # longer than a run: a busy machine may be late, the world's time passes all the same
 PATIENT = "forces.buffer=60"
-TIMEOUT = 400
 # how a run of a healthy bench ends, at the default limits, on a machine that was busy for so long:
 # the forces are too old, or the world has pressed the block before the program looked at it
 LATE = "(limits.age) while the stage moves", "while the block should hang free"
@@ -37,7 +36,11 @@ class HilRun(RunFile):
             if while_running or not any(late in self.outcome.reason for late in LATE):
                 break
             path.unlink()
-        self._look()
+        self.read(path, self.settings.run.travel)
+        assert all(
+            0 <= move.target_m <= self.settings.run.travel + 40e-9  # a step of the encoder
+            for move in self.world._moves
+        )
 
     def _carry_out(self, path, pace, while_running):
         self.run = live.make_run(self.settings, path, pace=pace)
@@ -46,19 +49,7 @@ class HilRun(RunFile):
         self.run.start()
         if while_running:
             while_running(self)
-        self.outcome = self.run.wait(TIMEOUT)
-        assert self.outcome is not None, "the run did not end"
-
-    def _look(self):
-        path = self.path
-        self.world, self.counts = self.bench.world, self.outcome.counts
-        # whatever happened, the stage has not gone further than it was asked to
-        assert 0 <= self.world.stage_m() <= self.settings.run.travel + 1e-9
-        assert all(
-            0 <= move.target_m <= self.settings.run.travel + 40e-9  # a step of the encoder
-            for move in self.world._moves
-        )
-        self.read(path)
+        self.end()
 
     def wrong_frames(self, among=None):
         """Indices of recorded images that are not, to the bit, the world at the sample that the
@@ -78,16 +69,3 @@ class HilRun(RunFile):
     def wrong_certain_frames(self):
         """Those among them that the file calls certain."""
         return [index for index in self.wrong_frames() if index not in self.uncertain]
-
-    def is_accounted_for(self):
-        """Whether every trigger is there once and in order, and every sample or its gap."""
-        return (
-            list(self.triggers) == list(range(self.counts.triggers))
-            and len(self.frames) == self.counts.frames_recorded == self.counts.frames_received
-            and len(self.lost) == self.counts.frames_lost
-            and len(self.volts) == self.counts.samples + self.counts.samples_lost
-        )
-
-    def stands(self):
-        """Whether the world's stage has been stopped, or has come to its end."""
-        return self.world._moves[-1].speed == 0 or not self.world.is_moving()
