@@ -5,7 +5,6 @@ two.
 import contextlib
 import select
 import threading
-import time
 
 import pytest
 from free_stage import FreeStage
@@ -89,14 +88,6 @@ class NewportBench:
         self.line.cut()
         with contextlib.suppress(DeviceError):  # the line is dead by now
             self.driver.close()
-
-
-def wait_until(condition):
-    """Return as soon as a condition holds."""
-    deadline = time.monotonic() + PATIENT_S
-    while not condition():
-        assert time.monotonic() < deadline, "it never came"
-        time.sleep(0.001)
 
 
 class Aside:

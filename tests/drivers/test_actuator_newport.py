@@ -6,7 +6,7 @@ import math
 
 import pytest
 from contracts import ActuatorContract
-from newport_bench import benches, patient
+from newport_bench import patient
 from python_program import python
 from worlds import scenario
 
@@ -18,14 +18,6 @@ from drivers.sim.world import World
 from drivers.stages.newport_stage import ConexCc, Smc100, find
 
 QUERIES = (b"VE", b"ID?", b"TS", b"TP", b"TE", b"SL?", b"SR?", b"VA?")
-
-
-newport = pytest.fixture(benches)
-
-
-@pytest.fixture
-def newport_open(newport):
-    return lambda *args, **kwargs: newport(*args, **kwargs).opened()
 
 
 # ------------------------------------------------------------------ the contract

@@ -5,6 +5,8 @@ recorded before.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -197,6 +199,15 @@ def test_a_position_is_a_number() -> None:
         check_position("stage", -math.inf)
 
 
+@contextmanager
+def failed_run(folder: Path) -> Iterator[slipscope.Session]:
+    """The session of a small run of the simulated bench, which has failed."""
+    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
+    with slipscope.run(folder / "run.h5", settings=small, timeout_s=60) as session:
+        assert session.state == "failed"
+        yield session
+
+
 def test_a_stage_that_is_infinitely_far_costs_no_recording(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -208,9 +219,7 @@ def test_a_stage_that_is_infinitely_far_costs_no_recording(
         return asked[-1] if len(asked) < 40 else math.inf
 
     monkeypatch.setattr(SimActuator, "position_m", broken)
-    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
-    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
-        assert session.state == "failed"
+    with failed_run(tmp_path) as session:
         assert "simulated actuator: its driver gave inf for its position" in session.reason
         assert len(session.forces.time_s) > 1000
 
@@ -226,9 +235,7 @@ def test_a_frame_that_breaks_the_rules_costs_no_recording(
         return answer if answer.index < 9 else replace(answer, index=-1, first=-1, last=-1)
 
     monkeypatch.setattr(SimCamera, "read", broken)
-    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
-    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
-        assert session.state == "failed"
+    with failed_run(tmp_path) as session:
         assert "trigger 9 was due, its driver gave that of -1" in session.reason
         assert session.frames.received.tolist() == list(range(9))
         assert len(session.forces.time_s) > 1000
@@ -246,9 +253,7 @@ def test_a_camera_that_reuses_its_buffer_fails_the_run_at_its_second_frame(
         return replace(answer, image=buffer[:])
 
     monkeypatch.setattr(SimCamera, "read", reused)
-    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
-    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
-        assert session.state == "failed"
+    with failed_run(tmp_path) as session:
         assert "trigger 1 was due, its driver gave an image in the memory of" in session.reason
         assert session.frames.received.tolist() == [0]
 
@@ -266,9 +271,7 @@ def test_what_no_driver_may_raise_is_told_as_that_of_the_camera(
         return answer
 
     monkeypatch.setattr(SimCamera, "read", broken)
-    small = ["camera.width=64", "camera.height=64", "dic.step=20", "stress.method=none"]
-    with slipscope.run(tmp_path / "run.h5", settings=small, timeout_s=60) as session:
-        assert session.state == "failed"
+    with failed_run(tmp_path) as session:
         told = "simulated camera: KeyboardInterrupt; check the device and its driver"
         assert session.reason.startswith(told)
         assert session.frames.received.tolist() == [0, 1, 2]

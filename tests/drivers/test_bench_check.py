@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from newport_bench import wait_until
+from processes.launched import wait_until
 from short_run import SMALL
 
 from app.bench_checks import bench_check
@@ -30,6 +30,12 @@ from drivers.errors import DeviceTimeout, OutOfLimits
 from drivers.protocols import SampleBlock
 
 FREE = "sim.press_time=600"  # nothing is pressed meanwhile
+PICTURES = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
+
+
+def found_by_check(settings, benches, home=False, move_um=0.0):
+    """What `slipscope check` finds, by its labels."""
+    return {f.label: f for f in check(settings, benches, home=home, move_um=move_um)}
 
 
 @pytest.fixture
@@ -49,8 +55,7 @@ def checked():
 
         bench.actuator.open = opened
         benches = chain([bench], iter(lambda: live.make_bench(settings, 1.0), None))
-        found = check(settings, benches.__next__, home=False, move_um=move_um)
-        findings = {f.label: f for f in found}
+        findings = found_by_check(settings, benches.__next__, move_um=move_um)
         return findings, [command.decode() for _, command in lines[0].arrivals], bench
 
     return run
@@ -145,8 +150,7 @@ def checked_as_it_is(*overrides, home=False, move_um=0.0, pace=None):
     """What `slipscope check` finds, in simulated time that passes as it is read."""
     settings = config.load(None, [*PLAIN, "run.velocity=50", *overrides])
     bench = live.unpressed(settings)
-    found = check(settings, lambda: live.make_bench(bench, pace), home=home, move_um=move_um)
-    return {f.label: f for f in found}
+    return found_by_check(settings, lambda: live.make_bench(bench, pace), home, move_um)
 
 
 @pytest.mark.parametrize(
@@ -236,11 +240,10 @@ def test_a_device_that_does_not_return_from_a_call_holds_up_no_check(
 ):
     monkeypatch.setattr(bench_check, "STEP_PATIENCE_S", 0.0)
     monkeypatch.setattr(bench_check, "PATIENCE_S", 0.1)
-    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
-    bench, release = live.make_bench(settings, None), threading.Event()
+    bench, release = live.make_bench(PICTURES, None), threading.Event()
     done = getattr(getattr(bench, kind), call)
     setattr(getattr(bench, kind), call, lambda *with_: (release.wait(60), done(*with_))[1])
-    findings = {f.label: f for f in check(settings, lambda: bench, home=False, move_um=0.0)}
+    findings = found_by_check(PICTURES, lambda: bench)
     release.set()
     assert [one.label for one in findings.values() if one.needed] == labels
     for label in labels:
@@ -249,16 +252,15 @@ def test_a_device_that_does_not_return_from_a_call_holds_up_no_check(
 
 def test_a_device_that_does_not_return_as_it_is_opened_or_made_ready_holds_up_no_check(monkeypatch):
     monkeypatch.setattr(bench_check, "OPEN_S", 0.1)
-    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
     release = threading.Event()
 
     def made():
-        bench = live.make_bench(settings, None)
+        bench = live.make_bench(PICTURES, None)
         bench.camera.open = lambda: release.wait(20)
         bench.actuator.make_ready = lambda: release.wait(20)
         return bench
 
-    findings = {f.label: f for f in check(settings, made, home=False, move_um=20.0)}
+    findings = found_by_check(PICTURES, made, move_um=20.0)
     release.set()
     told = {label: one.value for label, one in findings.items() if one.needed}
     assert told.keys() == {"camera", "move"}
@@ -279,8 +281,7 @@ def test_a_device_that_does_not_return_as_it_is_opened_or_made_ready_holds_up_no
 )
 def test_a_picture_that_a_run_would_refuse_fails(spoil, told):
     """The bench was said to work, or the line of the camera was blamed."""
-    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
-    bench = live.make_bench(settings, None)
+    bench = live.make_bench(PICTURES, None)
     read = bench.camera.read
 
     def spoilt(timeout_s):
@@ -288,16 +289,15 @@ def test_a_picture_that_a_run_would_refuse_fails(spoil, told):
         return spoil(frame) if frame.index == 3 else frame
 
     bench.camera.read = spoilt
-    findings = {f.label: f for f in check(settings, lambda: bench, home=False, move_um=0.0)}
+    findings = found_by_check(PICTURES, lambda: bench)
     assert findings["data"].needed
     assert told in findings["data"].value
 
 
 def test_a_camera_of_another_size_than_the_settings_say_fails():
-    settings = config.load(None, [*SMALL, FREE, "camera.width=96", "camera.height=96"])
-    bench = live.make_bench(settings, None)
+    bench = live.make_bench(PICTURES, None)
     bench.camera.shape = (90, 96)
-    findings = {f.label: f for f in check(settings, lambda: bench, home=False, move_um=0.0)}
+    findings = found_by_check(PICTURES, lambda: bench)
     assert "images of 96 x 96 were asked, it gives 96 x 90" in findings["data"].value
 
 

@@ -9,7 +9,7 @@ import pytest
 import serial
 from contracts import ActuatorContract
 from free_stage import FreeStage
-from newport_bench import wait_until
+from processes.launched import wait_until
 
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine

@@ -2,11 +2,13 @@
 can happen to its line.
 """
 
+import contextlib
 import socket
 import time
 
 import pytest
 from free_stage import FreeStage
+from processes.launched import wait_until
 from worlds import scenario
 
 from drivers.emulators.newport import Controller
@@ -229,33 +231,36 @@ class Client:
 
 
 @pytest.fixture
-def lines():
-    made = []
-    yield lambda *args, **kwargs: made.append(SerialLine(*args, **kwargs)) or made[-1]
-    for line in made:
-        line.cut()
+def linked():
+    """Makes a line to an echo, and a client at its near end."""
+    with contextlib.ExitStack() as made:
+
+        def link(**line):
+            line = SerialLine(Echo(), "tcp", **line)
+            made.callback(line.cut)
+            client = Client(line)
+            made.callback(client.socket.close)
+            return line, client
+
+        yield link
 
 
-def test_commands_are_stamped_when_their_last_byte_is_in(lines):
-    line = lines(Echo(), "tcp", byte_s=0.01)
-    client = Client(line)
+def test_commands_are_stamped_when_their_last_byte_is_in(linked):
+    line, client = linked(byte_s=0.01)
     began = time.monotonic()
     assert client.ask(b"123456789\r\n") == b"123456789\r\n"
     assert line.arrivals[0][1] == b"123456789"
     assert line.arrivals[0][0] - began >= 0.11
     assert time.monotonic() - began >= 0.22
-    client.socket.close()
 
 
-def test_a_command_is_heard_while_an_answer_is_on_its_way(lines):
-    line = lines(Echo(), "tcp", think_s=2.0)
-    client = Client(line)
+def test_a_command_is_heard_while_an_answer_is_on_its_way(linked):
+    line, client = linked(think_s=2.0)
     client.socket.sendall(b"slow\r\n")
     client.socket.sendall(b"stop\r\n")
     assert client.read().startswith(b"slow")
     (slow, _), (stop, _) = line.arrivals[:2]
     assert stop - slow < 2.0
-    client.socket.close()
 
 
 def test_noise_is_seen_and_nothing_else_is_changed():
@@ -263,49 +268,39 @@ def test_noise_is_seen_and_nothing_else_is_changed():
     assert bytes(b & 0x7F for b in garbled(b"1TP12.5")) == b"1TP12.5"
 
 
-def test_a_mute_line_takes_commands_and_gives_no_answer(lines):
-    line = lines(Echo(), "tcp")
-    client = Client(line)
+def test_a_mute_line_takes_commands_and_gives_no_answer(linked):
+    line, client = linked()
     line.is_mute = True
     client.socket.sendall(b"one\r\n")
-    line_heard = time.monotonic() + 20
-    while not line.arrivals and time.monotonic() < line_heard:
-        time.sleep(0.001)
+    wait_until(lambda: line.arrivals)
     line.is_mute = False
     assert client.ask(b"two\r\n") == b"two\r\n"
-    client.socket.close()
 
 
 @pytest.mark.parametrize("by", ["device", "hand"])
-def test_a_line_that_is_cut_is_closed(lines, by):
-    line = lines(Echo(), "tcp")
-    client = Client(line)
+def test_a_line_that_is_cut_is_closed(linked, by):
+    line, client = linked()
     assert client.ask(b"there?\r\n")
     if by == "hand":
         line.cut()
     else:
         client.socket.sendall(b"pull\r\n")
     assert client.read() == b""
-    client.socket.close()
 
 
-def test_all_callers_of_a_network_port_see_every_answer(lines):
-    line = lines(Echo(), "tcp")
-    client = Client(line)
+def test_all_callers_of_a_network_port_see_every_answer(linked):
+    line, client = linked()
     assert client.ask(b"first\r\n")
     host, port = line.url.removeprefix("socket://").split(":")
     with socket.create_connection((host, int(port)), timeout=20.0) as second:
         second.sendall(b"second\r\n")
         assert second.recv(100) == b"second\r\n"
         assert client.read() == b"second\r\n"
-    client.socket.close()
 
 
-def test_a_deaf_device_ignores_what_follows_a_command_in_the_same_transfer(lines):
-    line = lines(Echo(), "tcp", deaf_s=0.05)
-    client = Client(line)
+def test_a_deaf_device_ignores_what_follows_a_command_in_the_same_transfer(linked):
+    line, client = linked(deaf_s=0.05)
     assert client.ask(b"one\r\ntwo\r\n") == b"one\r\n"
     assert line.ignored == b"two\r\n"
     time.sleep(0.1)
     assert client.ask(b"three\r\n") == b"three\r\n"
-    client.socket.close()

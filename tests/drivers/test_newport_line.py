@@ -10,7 +10,8 @@ import threading
 import time
 
 import pytest
-from newport_bench import PATIENT_S, Aside, benches, wait_until, waited_time
+from newport_bench import PATIENT_S, Aside, waited_time
+from processes.launched import wait_until
 
 from drivers.clock import SampleClock
 from drivers.emulators.serial_line import SerialLine, garbled
@@ -21,14 +22,6 @@ from drivers.stages.newport_stage import ConexCc, Smc100, find
 from drivers.stages.port_lock import lock_file
 
 WIRES = ["pty", "tcp"] if os.name == "posix" else ["tcp"]
-
-
-newport = pytest.fixture(benches)
-
-
-@pytest.fixture
-def newport_open(newport):
-    return lambda *args, **kwargs: newport(*args, **kwargs).opened()
 
 
 @pytest.fixture

@@ -5,7 +5,8 @@ world.
 import re
 
 import pytest
-from newport_bench import benches, patient, wait_until, waited_time
+from newport_bench import patient, waited_time
+from processes.launched import wait_until
 from worlds import scenario
 
 from drivers.clock import SampleClock
@@ -15,18 +16,11 @@ from drivers.settings import ActuatorSettings
 from drivers.sim.world import World
 from drivers.stages import newport_line, newport_stage as actuator_newport
 
-newport = pytest.fixture(benches)
-
 
 @pytest.fixture(autouse=True)
 def _patient():
     with patient():
         yield
-
-
-@pytest.fixture
-def newport_open(newport):
-    return lambda *args, **kwargs: newport(*args, **kwargs).opened()
 
 
 # ------------------------------------------------------------------ homing

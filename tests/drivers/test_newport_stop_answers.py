@@ -7,7 +7,7 @@ import pickle
 import time
 
 import pytest
-from newport_bench import benches, wait_until
+from processes.launched import wait_until
 from python_program import python
 from short_run import SMALL
 
@@ -19,8 +19,6 @@ from app.system.stopping import CUT_POWER, Stop
 from drivers.errors import DeviceNotFound
 from drivers.protocols import StoppedFromOutside
 from drivers.stages.newport_line import OutsideStop
-
-newport = pytest.fixture(benches)
 
 
 def stage_of(driver):

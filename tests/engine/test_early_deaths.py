@@ -4,12 +4,12 @@ ends by name with a session that can be read.
 
 import shutil
 import threading
-import time
 from types import SimpleNamespace
 
 import numpy as np
 import psutil
 import pytest
+from processes.launched import wait_until
 from short_run import BLIND, SMALL
 
 from app.acquisition import analysis_thread, receiver, recorder_thread as recorder
@@ -171,7 +171,7 @@ def test_nobody_waits_for_a_recorder_that_died(kind, sender_waits):
     dying = ending.spawn("recorder", works["recorder" if kind == "images" else "journal"])
     sending = threading.Thread(target=send, daemon=True)
     sending.start()
-    until(lambda: len(put) == 2)  # one is in the hands of the thread, one waits
+    wait_until(lambda: len(put) == 2)  # one is in the hands of the thread, one waits
     may_die.set()
     for thread in (sending, dying):
         thread.join(TIMEOUT)
@@ -203,13 +203,6 @@ def test_no_image_is_recorded_after_one_that_could_not_be(tmp_path):
         work.join(TIMEOUT)
     assert [type(record) for record in taken] == [Frame, LostFrame, LostFrame, LostFrame]
     assert (made.frames_recorded, made.frames_refused) == (1, 3)
-
-
-def until(condition):
-    give_up = time.monotonic() + TIMEOUT
-    while not condition():
-        assert time.monotonic() < give_up
-        time.sleep(0.005)
 
 
 def test_the_last_answers_are_not_waited_for_at_full_speed(monkeypatch):

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import short_run
+from processes.launched import wait_until
 from sparse_session import sparse_copy
 from whole_runs import PATIENCE_S, recorded
 
@@ -27,13 +28,6 @@ def session(tmp_path_factory):
     path = tmp_path_factory.mktemp("playback") / "a.h5"
     recorded(path, *SMALL)
     return path
-
-
-def wait_until(condition):
-    give_up = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < give_up
-        time.sleep(0.005)
 
 
 def played(playback, times):

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from processes.launched import wait_until
 
 from app.acquisition import connected_bench as preview_module
 from app.acquisition.connected_bench import Preview
@@ -36,14 +37,6 @@ def _patient(monkeypatch):
         monkeypatch.setattr(preview_module, name, PATIENT_S)
     monkeypatch.setattr("app.acquisition.live_forces.LATE_S", PATIENT_S)
     monkeypatch.setattr("app.acquisition.watchdog.PATIENCE_S", PATIENT_S)
-
-
-def wait_for(condition, what="it"):
-    deadline = time.monotonic() + PATIENT_S
-    while not (found := condition()):
-        assert time.monotonic() < deadline, f"{what} never came"
-        time.sleep(0.005)
-    return found
 
 
 class Wrapped:
@@ -89,7 +82,7 @@ def state(preview, kind):
 
 
 def all_ready(preview):
-    return wait_for(
+    return wait_until(
         lambda: (
             all(device.state is DeviceState.READY for device in preview.look().devices.values())
             and preview.look().forces
@@ -117,7 +110,7 @@ def position_um(preview):
 def test_a_bench_that_works_shows_forces_pictures_and_stage():
     with connected("sim.force_noise=2") as preview:
         all_ready(preview)
-        wait_for(lambda: math.isfinite(preview.look().forces.noise[0]), "a second of forces")
+        wait_until(lambda: math.isfinite(preview.look().forces.noise[0]), "a second of forces")
         view = preview.look()
         assert view.forces.newest == pytest.approx((0, 0), abs=2e-3)
         # the simulated noise, seen through the inverse of the coupling, which is near one
@@ -125,13 +118,13 @@ def test_a_bench_that_works_shows_forces_pictures_and_stage():
         assert view.stage.position_m == pytest.approx(12.5e-3, abs=1e-7)
         assert not view.stage.is_moving
         assert view.stage.high_m - view.stage.low_m == pytest.approx(1e-3)
-        number = wait_for(lambda: preview.look().picture.number)
+        number = wait_until(lambda: preview.look().picture.number)
         assert preview.look(known=number).picture is None or number != preview.look().picture.number
 
 
 def brightness(preview):
     number = preview.look().picture.number
-    return wait_for(
+    return wait_until(
         lambda: (now := preview.look().picture) and now.number > number + 1 and now.mean
     )
 
@@ -177,16 +170,16 @@ def test_a_camera_without_such_a_feature_is_connected_anew():
 def test_one_device_that_fails_does_not_hide_the_others(kind):
     why = DeviceNotFound(f"the {kind}: it was not found; check its cable")
     with connected(**{kind: {"open": raises(why)}}) as preview:
-        wait_for(lambda: state(preview, kind) is DeviceState.FAILED)
+        wait_until(lambda: state(preview, kind) is DeviceState.FAILED)
         assert preview.look().devices[kind].sentence == str(why)
         if kind != "forces":
-            wait_for(lambda: preview.look().forces)
+            wait_until(lambda: preview.look().forces)
         else:
-            wait_for(lambda: "not triggered" in preview.look().devices["camera"].sentence)
+            wait_until(lambda: "not triggered" in preview.look().devices["camera"].sentence)
         if kind != "camera":
-            wait_for(lambda: state(preview, "camera") in (DeviceState.READY, DeviceState.LOOK))
+            wait_until(lambda: state(preview, "camera") in (DeviceState.READY, DeviceState.LOOK))
         if kind != "actuator":
-            wait_for(lambda: state(preview, "actuator") is DeviceState.READY)
+            wait_until(lambda: state(preview, "actuator") is DeviceState.READY)
 
 
 @pytest.mark.parametrize("kind", ["forces", "camera", "actuator"])
@@ -196,11 +189,11 @@ def test_a_device_that_falls_silent_holds_up_neither_the_others_nor_the_end(kind
     release = threading.Event()
     with connected(**{kind: {"open": release.wait}}) as preview:
         for other in {"forces", "camera", "actuator"} - {kind}:
-            wait_for(
+            wait_until(
                 lambda other=other: state(preview, other) in (DeviceState.READY, DeviceState.LOOK)
             )
         if kind != "forces":
-            wait_for(lambda: preview.look().forces)
+            wait_until(lambda: preview.look().forces)
         assert state(preview, kind) is DeviceState.CONNECTING
         began = time.monotonic()
         with pytest.raises(DeviceTimeout, match="no return from a call"):
@@ -218,12 +211,12 @@ def test_a_camera_that_comes_late_shows_its_pictures(monkeypatch):
         opened.append(1)
 
     with connected(camera={"open": comes_late}) as preview:
-        wait_for(lambda: preview.look().forces)
+        wait_until(lambda: preview.look().forces)
         assert state(preview, "camera") is DeviceState.CONNECTING
         # the simulated camera itself is opened by the test, as its `open` is replaced
         preview._devices["camera"].device._device.open()
         release.set()
-        wait_for(lambda: preview.look().picture)
+        wait_until(lambda: preview.look().picture)
 
 
 def test_triggers_begin_anew_for_a_real_camera_that_comes_late(monkeypatch):
@@ -260,10 +253,10 @@ def test_triggers_begin_anew_for_a_real_camera_that_comes_late(monkeypatch):
     )
     preview = Preview(config.load(None, FREE), bench)
     preview.start()
-    wait_for(lambda: calls == ["forces starts"])
+    wait_until(lambda: calls == ["forces starts"])
     monkeypatch.setattr(preview_module, "CAMERA_S", PATIENT_S)
     release.set()
-    wait_for(lambda: len(calls) > 3)
+    wait_until(lambda: len(calls) > 3)
     assert calls[1:4] == ["forces stops", "camera starts", "forces starts"]
     preview.close()
 
@@ -271,19 +264,19 @@ def test_triggers_begin_anew_for_a_real_camera_that_comes_late(monkeypatch):
 def test_a_camera_that_delivers_nothing_is_told_of(monkeypatch):
     monkeypatch.setattr(preview_module, "SHOWN_S", 0.2)
     with connected(camera={"read": raises(DeviceTimeout("nothing"))}) as preview:
-        wait_for(lambda: "delivers nothing" in preview.look().devices["camera"].sentence)
+        wait_until(lambda: "delivers nothing" in preview.look().devices["camera"].sentence)
         assert state(preview, "camera") is DeviceState.LOOK
         assert "camera.trigger_line" in preview.look().devices["camera"].sentence
         assert preview.look().picture is None
-        wait_for(lambda: preview.look().forces.age_s < 1.0, "a new force")
+        wait_until(lambda: preview.look().forces.age_s < 1.0, "a new force")
 
 
 def test_forces_that_fail_on_the_way_say_why():
     with connected("sim.faults=['daq-gone 600']", "limits.age=0.2") as preview:
-        wait_for(lambda: state(preview, "forces") is DeviceState.FAILED)
+        wait_until(lambda: state(preview, "forces") is DeviceState.FAILED)
         assert "the board no longer answers" in preview.look().devices["forces"].sentence
-        wait_for(lambda: state(preview, "actuator") is DeviceState.READY)
-        wait_for(lambda: preview.look().forces.age_s > 0.2)
+        wait_until(lambda: state(preview, "actuator") is DeviceState.READY)
+        wait_until(lambda: preview.look().forces.age_s > 0.2)
         with pytest.raises(DeviceError, match="only while forces are read"):
             hold(preview, 1)
 
@@ -292,8 +285,8 @@ def test_samples_that_were_lost_are_told_of_and_the_bench_goes_on(monkeypatch):
     """Also where a run would end by them."""
     monkeypatch.setattr(preview_module, "SHOWN_S", 1e4)
     with connected("sim.faults=['daq-overflow 1000 300']", "forces.on_overflow=end") as preview:
-        wait_for(lambda: "were lost: 300 ×" in preview.look().devices["forces"].sentence)
-        wait_for(lambda: preview.look().forces is not None)  # further ones came
+        wait_until(lambda: "were lost: 300 ×" in preview.look().devices["forces"].sentence)
+        wait_until(lambda: preview.look().forces is not None)  # further ones came
         assert "were lost: 300 ×" in preview.look().devices["forces"].sentence  # still
         monkeypatch.setattr(preview_module, "SHOWN_S", 0.0)
         all_ready(preview)
@@ -303,11 +296,11 @@ def test_samples_that_were_lost_are_told_of_and_the_bench_goes_on(monkeypatch):
 
 def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
     with connected("sim.faults=['saturated 0']") as preview:
-        wait_for(lambda: state(preview, "forces") is DeviceState.LOOK)
+        wait_until(lambda: state(preview, "forces") is DeviceState.LOOK)
         assert "the shear sensor reads the end of its range" in (
             preview.look().devices["forces"].sentence
         )
-        wait_for(lambda: preview.look().stage)
+        wait_until(lambda: preview.look().stage)
         with pytest.raises(DeviceError, match="shear sensor is at the end of its range"):
             preview.jog(1, FAST)
         with pytest.raises(DeviceError, match="no zero there"):
@@ -317,9 +310,9 @@ def test_a_sensor_at_the_end_of_its_range_is_told_of_and_forbids_a_jog():
 def test_a_stage_that_would_refuse_a_move_says_so_before():
     why = DeviceFault("stage: it is NOT REFERENCED; home it")
     with connected(actuator={"make_ready": raises(why)}) as preview:
-        wait_for(lambda: state(preview, "actuator") is DeviceState.LOOK)
+        wait_until(lambda: state(preview, "actuator") is DeviceState.LOOK)
         assert preview.look().devices["actuator"].sentence == str(why)
-        wait_for(lambda: preview.look().forces)
+        wait_until(lambda: preview.look().forces)
         with pytest.raises(DeviceFault, match="NOT REFERENCED"):
             preview.jog(1, FAST)
 
@@ -332,9 +325,9 @@ def test_a_jog_goes_on_while_it_is_held_and_stops_by_itself():
         all_ready(preview)
         start = position_um(preview)
         hold(preview, 1, until=lambda: position_um(preview) > start + 30 and preview.motion()[2])
-        wait_for(lambda: not preview.motion()[2], "the dead man's stop")
+        wait_until(lambda: not preview.motion()[2], "the dead man's stop")
         stood, sample = preview._devices["actuator"].device.position_m(), preview.motion()[0]
-        wait_for(lambda: preview.motion()[0] > sample + 600)
+        wait_until(lambda: preview.motion()[0] > sample + 600)
         assert preview._devices["actuator"].device.position_m() == stood
         hold(preview, -1, until=lambda: position_um(preview) < start)
         answer = preview.stop_motion()
@@ -360,7 +353,7 @@ def test_a_jog_ends_at_its_limit_and_says_which(way):
         start = position_um(preview)
         with pytest.raises(DeviceError, match=r"40 um \(limits.travel\) from where it was connect"):
             hold(preview, way)
-        wait_for(lambda: way * (position_um(preview) - start) > 38.9)
+        wait_until(lambda: way * (position_um(preview) - start) > 38.9)
         assert way * (position_um(preview) - start) < 40.1
 
 
@@ -375,10 +368,10 @@ def test_a_jog_ends_at_the_end_of_the_stage(way, end):
 def test_a_jog_stops_at_the_limit_of_the_shear_force_and_only_leads_back():
     with connected(*PRESSED, "limits.shear_force=0.03", "sim.force_noise=0", pace=4.0) as preview:
         all_ready(preview)
-        wait_for(lambda: preview.look().forces.newest[0] > 0.099, "the contact")
+        wait_until(lambda: preview.look().forces.newest[0] > 0.099, "the contact")
         with pytest.raises(DeviceError, match=r"limits\.shear_force is 0\.03 N"):
             hold(preview, 1, velocity=3e-6)
-        wait_for(lambda: not preview.motion()[2])
+        wait_until(lambda: not preview.motion()[2])
         assert preview.let_go().kind is Stop.AT_REST
         assert 0.03 < preview.look().forces.newest[1] < 0.09
         with pytest.raises(DeviceError, match="jog the other way"):
@@ -389,7 +382,7 @@ def test_a_jog_stops_at_the_limit_of_the_shear_force_and_only_leads_back():
 def test_a_jog_is_refused_beyond_the_limit_of_the_normal_force():
     with connected(*PRESSED, "limits.normal_force=0.11", world=TWICE) as preview:
         all_ready(preview)
-        wait_for(lambda: preview.look().forces.newest[0] > 0.19, "the contact")
+        wait_until(lambda: preview.look().forces.newest[0] > 0.19, "the contact")
         with pytest.raises(DeviceError, match=r"normal force reached .* limits\.normal_force is"):
             preview.jog(1, FAST)
 
@@ -402,7 +395,7 @@ def test_a_jog_stops_when_the_forces_stop():
         preview._devices["forces"].device.read = raises(DeviceTimeout("nothing came"))
         with pytest.raises(DeviceError, match=r"no force came for 2 s"):
             hold(preview, 1, velocity=10e-6)
-        wait_for(lambda: not preview.motion()[2])
+        wait_until(lambda: not preview.motion()[2])
 
 
 @pytest.mark.parametrize("fails", ["at once", "silent"])
@@ -421,7 +414,7 @@ def test_a_stop_that_fails_is_never_called_sent(fails, monkeypatch):
 
 def test_a_stop_without_a_stage_says_that_nothing_was_sent():
     with connected(actuator={"open": raises(DeviceFault("no stage"))}) as preview:
-        wait_for(lambda: state(preview, "actuator") is DeviceState.FAILED)
+        wait_until(lambda: state(preview, "actuator") is DeviceState.FAILED)
         assert preview.stop_motion().kind is Stop.NOT_CONNECTED
         with pytest.raises(DeviceFault, match="no actuator is connected"):
             preview.jog(1, FAST)
@@ -451,7 +444,7 @@ def test_zero_gives_the_readings_without_a_force(true):
         found = preview.zero(under_load=True)
         assert found == pytest.approx(true, abs=1e-3)
         assert np.median(np.abs(preview.look().forces.history)) < 2e-3  # also those before it
-        wait_for(lambda: abs(preview.look().forces.newest[0]) < 1e-3)
+        wait_until(lambda: abs(preview.look().forces.newest[0]) < 1e-3)
         settings = config.load(None, FREE)
         settings = replace(settings, forces=replace(settings.forces, zero=found))
         newtons = sensor_chain(settings).forces(np.array([true]))
@@ -467,14 +460,14 @@ def test_a_free_block_is_zeroed_without_a_question():
 def test_a_pressed_block_is_not_zeroed_without_a_word_and_the_zero_can_be_given_back():
     with connected("sim.press_time=0.01", "run.normal_force=0.5") as preview:
         all_ready(preview)
-        wait_for(lambda: preview.look().forces.newest[0] > 0.4)
+        wait_until(lambda: preview.look().forces.newest[0] > 0.4)
         with pytest.raises(UnderLoad, match=r"zero: P reads 0\.(4|5)\d\d N .* hang free"):
             preview.zero()
         assert preview.look().forces.newest[0] > 0.4
         preview.zero(under_load=True)
-        wait_for(lambda: abs(preview.look().forces.newest[0]) < 0.01)
+        wait_until(lambda: abs(preview.look().forces.newest[0]) < 0.01)
         preview.set_zero((0.0, 0.0))
-        wait_for(lambda: preview.look().forces.newest[0] > 0.4)
+        wait_until(lambda: preview.look().forces.newest[0] > 0.4)
 
 
 def test_zero_is_refused_while_the_stage_moves(monkeypatch):

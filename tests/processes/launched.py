@@ -27,11 +27,11 @@ ROOT = Path(__file__).parents[2]
 
 
 def wait_until(condition, what="it"):
-    """Return as soon as a condition holds."""
+    """Return what a condition gives as soon as that holds."""
     deadline = time.monotonic() + PATIENT_S
     while not (found := condition()):
         assert time.monotonic() < deadline, f"{what} never came"
-        time.sleep(0.02)
+        time.sleep(0.005)
     return found
 
 
