@@ -4,7 +4,7 @@ displacement, for a drive in any direction and a friction that is not parallel t
 
 from __future__ import annotations
 
-import math
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,20 +35,9 @@ class CoupledProblem(InversionProblem):
     Johnson, Contact Mechanics, section 3.6 (Green's tensor); Prevost et al. 2013, section 4.
     """
 
-    def __init__(
-        self,
-        mask: ArrayLike,
-        pitch: float,
-        E: float,
-        nu: float,
-        *,
-        box: float = 0.0,
-        thickness: float = math.inf,
-    ) -> None:
-        super().__init__(mask, pitch, E, nu, box=box, thickness=thickness)
-        self._coupled_green = SurfaceGreen(
-            self.mask.shape, pitch, E, nu, thickness=thickness, box=box, coupled=True
-        )
+    @cached_property
+    def _coupled_green(self) -> SurfaceGreen:
+        return SurfaceGreen(self.mask.shape, coupled=True, **self._block)
 
     def solve(
         self,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.arrays import F64
-from analysis.mechanics.half_space import THINNEST
 
 UNEVEN = 1e-3  # points may lie off a regular grid by this share of a pitch
 
@@ -44,21 +43,3 @@ def grid_pitch(x: F64, y: F64, who: str) -> float:
     if not off < 10 * UNEVEN * pitch * max(x.shape):
         raise ValueError(f"{who}: the points lie off an even grid by {off:.2g} m; interpolate them")
     return pitch
-
-
-def check_block(thickness: float, box: float, pitch: float, who: str) -> None:
-    """Refuse a layer too thin for the grid, and a correlation box that is none.
-
-    Raises
-    ------
-    ValueError
-        As said; `who` begins the message.
-    """
-    thinnest = THINNEST * pitch
-    if not thickness >= thinnest:
-        raise ValueError(
-            f"{who}: a block {thickness:g} m thick was given; use {thinnest:g} m ({THINNEST}"
-            " pitches) or more"
-        )
-    if not 0 <= box < np.inf:
-        raise ValueError(f"{who}: a correlation box of {box:g} m was given; use 0 or more")

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -110,8 +111,10 @@ class InversionProblem:
                 f"inversion: a mask of shape {self.mask.shape} with {self.mask.sum()} points was"
                 " given; give shape (ny, nx) and a point"
             )
-        ny, nx = self.mask.shape
-        self.green = SurfaceGreen((ny, nx), pitch, E, nu, thickness=thickness, box=box)
+        self._block: dict[str, Any] = {
+            "pitch": pitch, "E": E, "nu": nu, "thickness": thickness, "box": box
+        }  # fmt: skip
+        self.green = SurfaceGreen(self.mask.shape, **self._block)
         self.pitch, self.box = float(pitch), float(box)
 
     @cached_property

@@ -16,6 +16,7 @@ from scipy import fft
 from scipy.special import j0, jv
 
 from analysis.arrays import F64, floats
+from analysis.mechanics.hertz import check
 
 THINNEST = 3
 """Least thickness of a layer in pitches: its part of the kernel is taken at the middle of a cell,
@@ -79,7 +80,12 @@ class SurfaceGreen:
     ) -> None:
         px, py = (float(p) for p in (pitch if isinstance(pitch, tuple) else (pitch, pitch)))
         ny, nx = shape
-        _check(ny, nx, px, py, E, nu, thickness, box)
+        check("surface displacement", E=E, nu=nu, pitch_x=px, pitch_y=py)
+        check_block(thickness, box, max(px, py), "surface displacement")
+        if not (ny >= 1 and nx >= 1 and ny * nx >= 2):
+            raise ValueError(
+                f"surface displacement: a grid of {nx} x {ny} points was given; use two or more"
+            )
         self.shape, self.pitch, self.coupled = (int(ny), int(nx)), (px, py), coupled
         rows, columns = (fft.next_fast_len(2 * n - 1, real=True) for n in (ny, nx))
         self._padded = rows, columns
@@ -168,26 +174,22 @@ class SurfaceGreen:
         return np.ascontiguousarray(fft.irfft(rows, self._padded[1], axis=1)[:, :nx])
 
 
-def _check(
-    ny: int, nx: int, px: float, py: float, E: float, nu: float, thickness: float, box: float
-) -> None:
-    thinnest = THINNEST * max(px, py)
-    for is_usable, words in (
-        (ny >= 1 and nx >= 1 and ny * nx >= 2, f"grid of {nx} x {ny} points; use two or more"),
-        (
-            0 < px < math.inf and 0 < py < math.inf,
-            f"pitch of {px:g} x {py:g} m; use positive numbers",
-        ),
-        (0 < E < math.inf, f"modulus of {E:g} Pa; use a positive one"),
-        (0 <= nu <= 0.5, f"Poisson's ratio of {nu:g}; use 0 to 0.5"),
-        (
-            thickness >= thinnest,
-            f"layer of {thickness:g} m; use {thinnest:g} m ({THINNEST} pitches) or more",
-        ),
-        (0 <= box < math.inf, f"box of {box:g} m for the average; use 0 or more"),
-    ):
-        if not is_usable:
-            raise ValueError(f"surface displacement: found a {words}")
+def check_block(thickness: float, box: float, pitch: float, who: str) -> None:
+    """Refuse a layer too thin for the grid, and a correlation box that is none.
+
+    Raises
+    ------
+    ValueError
+        As said; `who` begins the message.
+    """
+    thinnest = THINNEST * pitch
+    if not thickness >= thinnest:
+        raise ValueError(
+            f"{who}: a block {thickness:g} m thick was given; use {thinnest:g} m ({THINNEST}"
+            " pitches) or more"
+        )
+    if not 0 <= box < math.inf:
+        raise ValueError(f"{who}: a correlation box of {box:g} m was given; use 0 or more")
 
 
 def _cell_integrals(x: F64, y: F64, pitch: tuple[float, float]) -> Three:

@@ -166,7 +166,7 @@ def test_a_geometry_that_cannot_be_inverted_is_refused(settings, words):
 
 @pytest.mark.parametrize(("E", "nu"), [(-1.0, 0.5), (1e6, 0.6), (np.nan, 0.3)])
 def test_a_material_out_of_range_is_refused(E, nu):
-    with pytest.raises(ValueError, match="nu from 0 to"):
+    with pytest.raises(ValueError, match=r"inversion: (E =|Poisson's ratio)"):
         AxisymmetricInversion(X, Y, world.PITCH, 2e-3, E, nu)
 
 

@@ -216,7 +216,7 @@ def test_masks_and_grids_of_no_use_are_refused(mask):
 
 @pytest.mark.parametrize(("E", "nu"), [(0.0, 0.5), (1e6, -0.1), (1e6, 0.51)])
 def test_materials_out_of_range_are_refused(E, nu):
-    with pytest.raises(ValueError, match=r"modulus|Poisson"):
+    with pytest.raises(ValueError, match=r"E = |Poisson"):
         InversionProblem(np.ones((8, 8), np.bool_), 1e-4, E, nu)
 
 
