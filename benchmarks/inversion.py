@@ -28,7 +28,7 @@ from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem, mask_radius
 from analysis.inversion.regularised import RegularisedInversion
 from benchmarks.report import Report
-from tests.inversion import sheared_contact as world
+from tests.friction import elasto_plastic_world as world
 
 SUBJECT = "Inversion into shear traction"
 X, Y = world.points()
@@ -71,7 +71,7 @@ class Bench:
         return {name: np.median(np.abs(row), axis=0) for name, row in rows.items()}
 
     def _methods(
-        self, u: np.ndarray, contact: world.Contact, share: float, seed: int
+        self, u: np.ndarray, contact: world.State, share: float, seed: int
     ) -> dict[str, Callable[[], Any]]:
         """The inversions of one field, by name."""
         rings, noise = ring_means(RADIUS, u, world.PITCH, theta=AZIMUTH), world.NOISE
@@ -101,12 +101,12 @@ class Bench:
             sigma = conjugate_gradient(self.problem, u, world.NOISE, **how).sigma
         return sigma
 
-    def _errors(self, name: str, found: Any, contact: world.Contact) -> list[float]:
+    def _errors(self, name: str, found: Any, contact: world.State) -> list[float]:
         """Errors and uncertainties in the order of `COLUMNS`, but for the time."""
         sigma = (
             self.live.stress(RADIUS, found.coefficients) if name == "axisymmetric" else found.sigma
         )
-        error = (sigma - contact.stress(RADIUS)) / contact.peak
+        error = (sigma - contact.sigma(RADIUS)) / contact.full
         profile = ring_means(RADIUS, error, world.PITCH, contact.a).mean
         return [
             float(np.sqrt(np.nanmean(profile**2))),

@@ -15,18 +15,35 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import chebyshev
 from scipy.interpolate import CubicSpline, make_interp_spline
+from scipy.optimize import brentq
 
 from analysis.contact.rings import Rings, ring_means
 
 E, NU, R, MU, L = 3.43e6, 0.5, 0.1288, 0.93, 0.80e-6
-PITCH, BOX = 70.4e-6, 140.8e-6
-NX, NY = 158, 118
-X, Y = np.meshgrid((np.arange(NX) - (NX - 1) / 2) * PITCH, (np.arange(NY) - (NY - 1) / 2) * PITCH)
+H = 0.595e-6  # metres, standard deviation of the heights of the paper's sample
+PITCH, BOX, SHAPE, NOISE = 70.4e-6, 140.8e-6, (118, 158), 232e-9
+
+
+def points(
+    shape: tuple[int, int] = SHAPE,
+    pitch: float = PITCH,
+    centre: tuple[float, float] = (0.0, 0.0),
+) -> list[np.ndarray]:
+    """Coordinates x, y of the grid's points from the contact's centre; `centre` is the contact's
+    place from the middle of the grid.
+    """
+    (ny, nx), (x0, y0) = shape, centre
+    return np.meshgrid(
+        (np.arange(nx) - (nx - 1) / 2) * pitch - x0, (np.arange(ny) - (ny - 1) / 2) * pitch - y0
+    )
+
+
+X, Y = points()
 RADIUS, AZIMUTH = np.hypot(X, Y), np.arctan2(Y, X)
 REACH = 58 * PITCH  # of whole rings
 N = 48  # Chebyshev points
 M = N + 8  # of the midpoint rule, exact for the polynomials here
-DENSE = np.linspace(0, 7.5e-3, 1501)  # metres, as far as the corners of a field and their boxes
+DENSE = np.linspace(0, 11e-3, 2201)  # metres, as far as the corners of a field and their boxes
 
 
 def hertz_radius(P: float) -> float:
@@ -60,16 +77,20 @@ def _displacement_matrix(inside: bool) -> tuple[np.ndarray, np.ndarray]:
     return r, 4 * np.einsum("ij,ijk->ik", weight, S)
 
 
-@cache
-def _places_in_a_box(box: float) -> list[tuple[float, np.ndarray, np.ndarray]]:
+def _places_in_boxes(x: np.ndarray, y: np.ndarray, box: float) -> list[tuple]:
     """The share of each place within the boxes, its radius and the cosine of twice its azimuth."""
-    node, weight = np.polynomial.legendre.leggauss(3)
+    node, weight = np.polynomial.legendre.leggauss(3 if box else 1)
     places = []
     for dx, wx in zip(node, weight / 2, strict=True):
         for dy, wy in zip(node, weight / 2, strict=True):
-            x, y = X + dx * box / 2, Y + dy * box / 2
-            places.append((wx * wy, np.hypot(x, y), np.cos(2 * np.arctan2(y, x))))
+            at_x, at_y = x + dx * box / 2, y + dy * box / 2
+            places.append((wx * wy, np.hypot(at_x, at_y), np.cos(2 * np.arctan2(at_y, at_x))))
     return places
+
+
+@cache
+def _places_of_grid(box: float) -> list[tuple]:
+    return _places_in_boxes(X, Y, box)
 
 
 @dataclass(frozen=True)
@@ -90,16 +111,27 @@ class State:
         r = np.linspace(0, self.a, 20001)
         return float(r[np.argmax(self.sigma(r))])
 
+    @property
+    def full(self) -> float:
+        """Greatest traction in full sliding, mu p(0), pascals."""
+        return 1.5 * MU * self.P / (np.pi * self.a**2)
+
     def rings(self, field_noise: np.ndarray | float = 0.0) -> Rings:
         return rings_of(self.field() + field_noise)
 
     def field(self, box: float = BOX) -> np.ndarray:
-        """u_x on the grid, averaged over boxes; shape (NY, NX)."""
-        both = CubicSpline(DENSE, np.column_stack([self.g0, self.g2]))
-        total = np.zeros(X.shape)
-        for weight, r, cos in _places_in_a_box(box):
+        """u_x on the grid, averaged over boxes; of its shape."""
+        return self._averaged(_places_of_grid(box))
+
+    def displacement(self, x: np.ndarray, y: np.ndarray, box: float = BOX) -> np.ndarray:
+        """The same at other points (x, y)."""
+        return self._averaged(_places_in_boxes(x, y, box))
+
+    def _averaged(self, places: list[tuple]) -> np.ndarray:
+        both, total = CubicSpline(DENSE, np.column_stack([self.g0, self.g2])), 0.0
+        for weight, r, cos in places:
             even, double = np.moveaxis(both(r), -1, 0)
-            total += weight * (even + double * cos)
+            total = total + weight * (even + double * cos)
         return self.D - total
 
 
@@ -155,9 +187,6 @@ class World:
         inside = chebyshev.chebval(2 * at**2 - 1, self.to_coefficients @ inner)
         beyond = make_interp_spline(np.sqrt(outer - 1), self.scale * (1 - self.nu / 2) * matrix @ f)
         g0 = np.where(self.a > DENSE, inside, beyond(np.sqrt(np.maximum(DENSE / self.a - 1, 0))))
-        swept = CubicSpline(DENSE, g0 * DENSE).antiderivative()(DENSE)
-        mean = np.divide(2 * swept, DENSE**2, out=g0.copy(), where=DENSE > 0)
-        g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
         root = np.sin(z * np.pi / 2)  # r/a, crowded at the edge
         sigma = (
             self.mu
@@ -177,20 +206,44 @@ class World:
             self.a,
             lambda r: angle_of(np.arcsin(np.minimum(np.asarray(r) / self.a, 1)) * 2 / np.pi),
             g0,
-            g2,
+            double_part(g0, self.nu),
         )
 
 
-def noise(sd: float, rng: np.random.Generator, *, shared: bool) -> np.ndarray:
-    """White noise on the grid, or that of boxes of two pitches, of which neighbours share a half;
-    metres.
+def double_part(g0: np.ndarray, nu: float) -> np.ndarray:
+    """The part in the double angle that goes with a mean over the azimuth, on DENSE."""
+    swept = CubicSpline(DENSE, g0 * DENSE).antiderivative()(DENSE)
+    mean = np.divide(2 * swept, DENSE**2, out=g0.copy(), where=DENSE > 0)
+    return nu / 2 / (1 - nu / 2) * (mean - g0)
+
+
+@cache
+def loaded(P: float, share: float) -> State:
+    """The contact under normal force P (N) with shear force share * mu P."""
+    world = World(P)
+
+    def state(D: float) -> State:
+        return world.run(np.array([D]))[0]
+
+    if share >= 1:
+        return state(2e-4)
+    return state(brentq(lambda D: state(D).Q - share * MU * P, 1e-9, 1.2 * world.full, xtol=1e-14))
+
+
+def noise(
+    seed: int,
+    box: float = 0.0,
+    shape: tuple[int, int] = SHAPE,
+    pitch: float = PITCH,
+    level: float = NOISE,
+) -> np.ndarray:
+    """White noise, or that of means over overlapping boxes: each point is the scaled mean of the
+    white cells in its box.
     """
-    white = rng.normal(0, sd, (NY + 1, NX + 1))
-    return (
-        (white[1:, 1:] + white[:-1, 1:] + white[1:, :-1] + white[:-1, :-1]) / 2
-        if shared
-        else white[1:, 1:]
-    )
+    side = max(round(box / pitch), 1)
+    white = np.random.default_rng(seed).normal(size=[n + side - 1 for n in shape])
+    cells = np.lib.stride_tricks.sliding_window_view(white, (side, side))
+    return level * cells.sum(axis=(2, 3)) / side
 
 
 def rings_of(field: np.ndarray) -> Rings:
@@ -200,9 +253,8 @@ def rings_of(field: np.ndarray) -> Rings:
 @cache
 def ring_noise(count: int, *, shared: bool) -> tuple[np.ndarray, np.ndarray]:
     """Means and standard errors of rings of `count` fields of unit noise; shape (count, rings)."""
-    rings = [
-        rings_of(noise(1.0, np.random.default_rng(seed), shared=shared)) for seed in range(count)
-    ]
+    box = BOX if shared else 0.0
+    rings = [rings_of(noise(seed, box, level=1.0)) for seed in range(count)]
     return np.array([ring.mean for ring in rings]), np.array(
         [ring.standard_error for ring in rings]
     )
@@ -236,19 +288,17 @@ class Run:
         return ux, sd * error[pick[1:]], self.Q + rng.normal(0, 1e-3, len(self.Q))
 
 
-@cache
-def drive(
-    P: float, frames: int, speed: float = 5e-6, compliance: float = 1 / 9579 + 0.68e-6
+def driven(
+    world: World, frames: int, end: float = 1.3, compliance: float = 1 / 9579 + 0.68e-6
 ) -> Run:
-    """Frames evenly spaced in time, from rest to 1.3 times the distance at which the contact
+    """Frames evenly spaced in time, from rest to `end` times the distance at which the contact
     slides.
     """
-    world = World(P)
-    D = np.linspace(0, 1.4 * world.full, 80)[1:]
+    D = np.linspace(0, (end + 0.1) * world.full, 80)[1:]
     stage = np.append(0.0, D + compliance * np.array([state.Q for state in world.run(D)]))
-    slides = world.full + compliance * MU * P
+    slides = world.full + compliance * MU * world.P
     states = world.run(
-        np.interp(1.3 * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D))
+        np.interp(end * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D))
     )
     rings = [state.rings() for state in states]
     return Run(
@@ -257,5 +307,11 @@ def drive(
         rings[0].radius,
         rings[0].count,
         np.array([ring.mean for ring in rings]),
-        np.array([s.Q for s in states]),
+        np.array([state.Q for state in states]),
     )
+
+
+@cache
+def drive(P: float, frames: int) -> Run:
+    """As `driven`, under Hertz's pressure."""
+    return driven(World(P), frames)

@@ -9,7 +9,6 @@ difference of two discs. Nothing of the program's mechanics is used.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
@@ -82,11 +81,6 @@ def greenwood_tripp(
     return pressure, reach
 
 
-@dataclass(frozen=True)
-class State(smooth.State):
-    """The contact with the block driven by D; `a` is the radius where the pressure ends."""
-
-
 def exponential(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The interface's law: traction over mu p at a slip in mu L, and its derivative."""
     return -np.expm1(-t), np.exp(-t)
@@ -130,7 +124,7 @@ class World:
     def _dense(self) -> np.ndarray:
         return self.scale * np.diff(over_distance(smooth.DENSE, self.edges), axis=1)
 
-    def run(self, distances: np.ndarray) -> list[State]:
+    def run(self, distances: np.ndarray) -> list[smooth.State]:
         """States at growing displacements of the block, metres."""
         states, s, last, soft = [], np.zeros(ANNULI), 0.0, self.mu * self.L
         for D in distances:
@@ -141,7 +135,7 @@ class World:
             states.append(self._state(last, s))
         return states
 
-    def relaxing(self, times: np.ndarray, speed: float, g: float, tau: float) -> list[State]:
+    def relaxing(self, times: np.ndarray, speed: float, g: float, tau: float) -> list[smooth.State]:
         """States at those times of a steady drive of a block of which the share g of the modulus
         relaxes in tau, by implicit steps of tau/40 or less: a step of Euler of what it has yielded
         to.
@@ -177,22 +171,19 @@ class World:
 
     def _state(
         self, D: float, s: np.ndarray, left: np.ndarray | float = 0.0, at_once: float = 1.0
-    ) -> State:
+    ) -> smooth.State:
         sigma = self.mu * self.p * self.share(s / (self.mu * self.L))[0]
-        g0, dense = self._dense @ (left + at_once * sigma), smooth.DENSE
-        swept = CubicSpline(dense, g0 * dense).antiderivative()(dense)
-        mean = np.divide(2 * swept, dense**2, out=g0.copy(), where=dense > 0)
-        g2 = self.nu / 2 / (1 - self.nu / 2) * (mean - g0)
+        g0 = self._dense @ (left + at_once * sigma)
         mirrored = np.append(-self.r[2::-1], self.r), np.append(sigma[2::-1], sigma)
         curve, reach = CubicSpline(*mirrored), self.reach
-        return State(
+        return smooth.State(
             self.P,
             D,
             float(self.area @ sigma),
             reach,
             lambda r: np.where(np.asarray(r) < reach, curve(np.minimum(r, reach)), 0.0),
             g0,
-            g2,
+            smooth.double_part(g0, self.nu),
         )
 
 
@@ -203,31 +194,9 @@ def rough(P: float, h: float = H, **constants: float) -> World:
 
 @cache
 def drive(
-    P: float,
-    frames: int,
-    h: float = H,
-    *,
-    end: float = 1.3,
-    compliance: float = 1 / 9579 + 0.68e-6,
-    law: Callable = exponential,
+    P: float, frames: int, h: float = H, *, end: float = 1.3, law: Callable = exponential
 ) -> smooth.Run:
-    """Frames evenly spaced in time, from rest to `end` times the distance at which the contact
-    slides; h = 0 is Hertz's pressure.
-    """
+    """As `elasto_plastic_world.driven`; h = 0 is Hertz's pressure."""
     world = rough(P, h) if h else World(P, *hertz_pressure(P))
     world.share = law
-    D = np.linspace(0, (end + 0.1) * world.full, 60)[1:]
-    stage = np.append(0.0, D + compliance * np.array([state.Q for state in world.run(D)]))
-    slides = world.full + compliance * world.mu * P
-    states = world.run(
-        np.interp(end * slides * np.arange(1, frames + 1) / frames, stage, np.append(0.0, D))
-    )
-    rings = [state.rings() for state in states]
-    return smooth.Run(
-        world,
-        states,
-        rings[0].radius,
-        rings[0].count,
-        np.array([ring.mean for ring in rings]),
-        np.array([state.Q for state in states]),
-    )
+    return smooth.driven(world, frames, end)

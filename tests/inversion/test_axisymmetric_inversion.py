@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from inversion import sheared_contact as world
+from friction import elasto_plastic_world as world
 
 from analysis.contact.rings import ring_means
 from analysis.inversion.axisymmetric import AxisymmetricInversion, InvertedRings
@@ -54,11 +54,11 @@ def test_stress_force_and_far_displacement_of_a_noisy_field(P, share, profile, f
     contact, u = noisy(P, share)
     solver = inversion(P, edge=edge_at and edge_at * contact.a)
     found = solver.solve(rings(u))
-    error = (found.sigma - contact.stress(found.radius))[found.radius < contact.a] / contact.peak
+    error = (found.sigma - contact.sigma(found.radius))[found.radius < contact.a] / contact.full
     assert np.sqrt(np.mean(error**2)) < profile
-    error = (solver.stress(RADIUS, found.coefficients) - contact.stress(RADIUS))[
+    error = (solver.stress(RADIUS, found.coefficients) - contact.sigma(RADIUS))[
         contact.a > RADIUS
-    ] / contact.peak
+    ] / contact.full
     assert np.sqrt(np.mean(error**2)) < field
     assert abs(found.Q / contact.Q - 1) < (2e-3 if P > 0.1 else 6e-3)
     assert abs(found.D - contact.D) < 0.05e-6
@@ -79,7 +79,7 @@ def test_stated_uncertainties_cover_the_errors(box):
         assert 0.5 < np.sqrt(np.mean(np.square(error))) < 1.6
     inside = found[0].radius < contact.a
     covered = [
-        np.abs(f.sigma - contact.stress(f.radius))[inside] < f.sigma_sd[inside] for f in found
+        np.abs(f.sigma - contact.sigma(f.radius))[inside] < f.sigma_sd[inside] for f in found
     ]
     assert 0.55 < np.mean(covered) < 0.9
     assert np.mean([f.chi2 for f in found]) == pytest.approx(1, abs=0.2)
@@ -124,7 +124,7 @@ def test_the_thickness_of_the_block_is_in_the_operator():
     by_box, by_point = (
         contact.D
         - SurfaceGreen(world.SHAPE, world.PITCH, world.E, world.NU, box=box, thickness=thick).apply(
-            contact.stress(RADIUS)
+            contact.sigma(RADIUS)
         )
         for box in (world.BOX, 0.0)
     )
@@ -197,7 +197,7 @@ def test_what_a_quadratic_in_each_box_sees_is_undone():
         solver = inversion(0.5, edge=contact.a, box=side, is_quadratic=is_quadratic)
         found = solver.solve(rings(seen))
         inside = found.radius < 0.95 * contact.a
-        error = (found.sigma - contact.stress(found.radius))[inside] / contact.peak
+        error = (found.sigma - contact.sigma(found.radius))[inside] / contact.full
         errors[is_quadratic] = np.sqrt(np.mean(error**2))
     assert errors[True] < 0.02
     assert errors[True] < 0.5 * errors[False]

@@ -4,7 +4,7 @@ and their flags.
 
 import numpy as np
 import pytest
-from inversion import sheared_contact as world
+from friction import elasto_plastic_world as world
 
 from analysis.inversion.iterative import conjugate_gradient, van_cittert
 from analysis.inversion.problem import InversionProblem, mask_radius
@@ -43,7 +43,7 @@ def clean(contact):
 
 def field_error(found, contact, centre=(0.0, 0.0)):
     r = np.hypot(X - centre[0], Y - centre[1])
-    error = (found.sigma - contact.stress(r))[r < contact.a] / contact.peak
+    error = (found.sigma - contact.sigma(r))[r < contact.a] / contact.full
     return np.sqrt(np.mean(error**2))
 
 
@@ -161,9 +161,7 @@ def test_regularised_field_of_a_round_contact(regularised, contact, clean):
     assert abs(found.Q / (found.sigma.sum() * world.PITCH**2) - 1) < 2e-3
     inside = contact.a > RADIUS
     assert (
-        0.4
-        < np.mean((np.abs(found.sigma - contact.stress(RADIUS)) < found.sigma_sd)[inside])
-        < 0.95
+        0.4 < np.mean((np.abs(found.sigma - contact.sigma(RADIUS)) < found.sigma_sd)[inside]) < 0.95
     )
     assert found.is_converged
 
@@ -192,7 +190,7 @@ def test_regularised_field_follows_what_is_not_round(regularised, contact):
     assert abs(found.Q / contact.Q - 1) < 3e-3
     assert field_error(found, contact, centre) < 0.06
     r = np.hypot(x, y)
-    stated = (np.abs(found.sigma - contact.stress(r)) < found.sigma_sd)[r < contact.a]
+    stated = (np.abs(found.sigma - contact.sigma(r)) < found.sigma_sd)[r < contact.a]
     assert 0.4 < np.mean(stated) < 0.95
     shift = np.sum(found.sigma * X) / found.sigma.sum(), np.sum(found.sigma * Y) / found.sigma.sum()
     assert shift == pytest.approx(centre, abs=0.3 * world.PITCH)

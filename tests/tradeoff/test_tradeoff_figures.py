@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from inversion import sheared_contact
+from friction import elasto_plastic_world
 from scipy.optimize import brentq
 from tradeoff.grains import Speckle
 
@@ -129,7 +129,7 @@ def test_advice_keeps_to_the_budget_and_to_the_period() -> None:
 
 def test_the_displacement_to_invert_is_that_of_another_solution() -> None:
     field = inversion.Field(40, 0.0)
-    other = sheared_contact.loaded(0.5, 0.6)
+    other = elasto_plastic_world.loaded(0.5, 0.6)
     box = inversion.BOX_PX * inversion.PIXEL_M
     exact = other.displacement(field.x, field.y, box)
     mine = field.displacement(0.6)
