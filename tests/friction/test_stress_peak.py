@@ -1,16 +1,13 @@
-"""c from the maximum of the stress, and corrections of c, in both worlds."""
+"""c from the maximum of the stress."""
 
 import numpy as np
 import pytest
 from friction import elasto_plastic_world as world
-from friction.stick_radius_calibration import calibrate, displacement_in_rings
 
 from analysis.contact.rings import Rings
 from analysis.friction.largest_stress import stress_peak
-from analysis.friction.stick import fit_stick_radius, seen_in_rings
+from analysis.friction.stick import fit_stick_radius
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.mechanics import cattaneo_mindlin
-from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 
 P, SD = 0.5, 232e-9
 A = world.hertz_radius(P)
@@ -62,112 +59,31 @@ def test_without_a_maximum_there_is_no_c(stress, words):
     assert words in peak.notes[0]
 
 
-def test_a_calibration_undoes_a_known_bias():
-    truth = np.linspace(0.2, 0.9, 15)
-    biased = calibrate(lambda u: 0.1 + 0.8 * u[0] ** 2, truth[:, None], truth)
-    value, sd = biased.corrected(0.1 + 0.8 * 0.6**2, 0.01)
-    np.testing.assert_allclose([value, sd], [0.6, 0.01 / (1.6 * 0.6)], rtol=5e-3)
-    assert np.isnan(biased.corrected(2.0, 0.01)).all()
-    assert np.isnan(biased.corrected(np.nan)).all()
-
-
-def test_a_calibration_with_noise_knows_bias_and_scatter_of_the_estimate():
-    truth = np.linspace(0.2, 0.9, 15)
-    noise = np.random.default_rng(2).normal(0, 0.05, (400, 1))
-    noisy = calibrate(lambda u: u[0] ** 2, truth[:, None], truth, noise)
-    value, sd = noisy.corrected(0.6**2 + 0.05**2)  # noise adds its variance to a square
-    np.testing.assert_allclose([value, sd], [0.6, 0.05], rtol=0.05)
-    assert abs(value - 0.6) < 2e-4
-
-
-def test_an_estimate_that_does_not_follow_c_calibrates_nothing():
-    with pytest.raises(ValueError, match="grows with c in 1 states"):
-        calibrate(lambda u: 1.0, np.ones((10, 3)), np.arange(10.0))
-
-
-def _inverted_peak():
+@pytest.mark.slow
+def test_c_of_the_inverted_stress_is_where_the_true_one_is_largest():
+    """Where the fit of Cattaneo and Mindlin's profile says a smaller one."""
     invert = AxisymmetricInversion(
-        world.X,
-        world.Y,
-        world.PITCH,
-        A + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH,
-        world.E,
-        world.NU,
+        *(world.X, world.Y, world.PITCH, A + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH),
+        *(world.E, world.NU),
         edge=A,
         box=world.BOX,
     )
     run = world.drive(P, 24)
-    typical = SD * np.sqrt(np.mean(world.ring_noise(128, shared=True)[1] ** 2, axis=0))
+    mean, error = world.ring_noise(128, shared=True)
+    typical = SD * np.sqrt(np.mean(error**2, axis=0))
 
     def peak(ux: np.ndarray) -> float:
         solved = invert.solve(Rings(run.radius, ux, typical, run.count))
         return stress_peak(solved.radius, solved.sigma, solved.covariance, reach=0.1 * A).radius
 
     def live(ux: np.ndarray) -> float:
-        return fit_stick_radius(
-            run.radius, ux, typical, A, box=world.BOX, width=world.PITCH
-        ).stick_radius
+        box = {"box": world.BOX, "width": world.PITCH}
+        return fit_stick_radius(run.radius, ux, typical, A, **box).stick_radius
 
-    return run, peak, live
-
-
-def _scores(estimate, calibration, profiles, truth):
-    noise = SD * world.ring_noise(128, shared=True)[0][40:70]
-    corrected = np.array(
-        [[calibration.corrected(estimate(u + e)) for e in noise] for u in profiles]
-    )
-    error = corrected[..., 0] - np.asarray(truth)[:, None]
-    bias, scatter = error.mean(axis=1) / A, error.std(axis=1) / A
-    return bias, scatter, float(np.mean(np.abs(error) < corrected[..., 1]))
-
-
-@pytest.mark.slow
-def test_both_estimates_of_c_are_brought_to_the_maximum_of_the_true_stress():
-    run, peak, live = _inverted_peak()
-    loading = AxisymmetricLoading(SphereContact(P, world.E, world.NU, world.R, world.MU, world.L))
-    states = [
-        loading.at_force(world.MU * P * (1 - share**3)) for share in np.linspace(0.2, 0.98, 20)
-    ]
-    model = [displacement_in_rings(state, run.radius, world.BOX, world.PITCH) for state in states]
-    peaks = [state.peak_radius for state in states]
-    noise = SD * world.ring_noise(128, shared=True)[0][:20]
     chosen = (run.peak > 0.3 * A) & (run.peak < 0.93 * A)
     assert chosen.sum() > 8
-    plain = np.array([live(u) for u in run.ux[chosen]]) - run.peak[chosen]
-    assert plain.min() < -0.03 * A  # what there is to correct
-    for estimate, worst in ((live, 0.003), (peak, 0.008)):
-        calibration = calibrate(estimate, model, peaks, noise)
-        bias, scatter, coverage = _scores(
-            estimate, calibration, run.ux[chosen][::2], run.peak[chosen][::2]
-        )
-        assert np.abs(bias).max() < worst
-        assert scatter.max() < 1.5 * worst
-        assert 0.5 < coverage < 0.85
-
-
-def test_the_maximum_of_the_stress_is_brought_to_cattaneo_and_mindlins_c():
-    run, peak, _ = _inverted_peak()
-
-    def profile(c: float) -> np.ndarray:
-        Q = world.MU * P * (1 - c**3)
-        return -seen_in_rings(
-            lambda r: cattaneo_mindlin.radial_displacement(r, Q, world.MU, P, A, world.E, world.NU)[
-                0
-            ],
-            run.radius,
-            world.BOX,
-            world.PITCH,
-        )
-
-    shares = np.linspace(0.15, 0.98, 20)
-    calibration = calibrate(
-        peak,
-        [profile(c) for c in shares],
-        A * shares,
-        SD * world.ring_noise(128, shared=True)[0][:20],
-    )
-    truth = np.array([0.33, 0.62, 0.87])
-    bias, scatter, coverage = _scores(peak, calibration, [profile(c) for c in truth], A * truth)
-    assert np.abs(bias).max() < 0.005
-    assert scatter.max() < 0.01
-    assert 0.5 < coverage < 0.85
+    noisy = run.ux[chosen][:, None] + SD * mean[:20]
+    off = np.array([[peak(u) for u in each] for each in noisy]) - run.peak[chosen][:, None]
+    assert np.abs(off.mean(axis=1)).max() < 0.02 * A
+    assert off.std(axis=1).max() < 0.015 * A
+    assert (np.array([live(u) for u in run.ux[chosen]]) - run.peak[chosen]).max() < -0.03 * A
