@@ -350,7 +350,11 @@ class AxisymmetricLoading:
         With no compliance the stage is the block: its displacement D. The step takes `duration`
         seconds, which matters to a block that relaxes: by default so long that it does.
         """
-        check_drive(stage, compliance)
+        if not (math.isfinite(stage) and 0 <= compliance < math.inf):
+            raise ValueError(
+                f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked for; give"
+                " finite ones, the compliance 0 or more"
+            )
         loading = state.loading
         if self._law is not None and state.s.any():
             raise ValueError(
@@ -473,18 +477,3 @@ class AxisymmetricLoading:
         memory, Q = law.remember(memory, self.p, move, front), float(self._weight @ sigma)
         lagged = relaxation.lagged(state.lagged, state.sigma, sigma, duration)
         return LoadingState(self, D, Q, float(drive @ moved), s, sigma, memory, lagged)
-
-
-def check_drive(stage: float, compliance: float) -> None:
-    """Refuse a stage that is nowhere, or a compliance that is none.
-
-    Raises
-    ------
-    ValueError
-        One of them is not finite, or the compliance is negative.
-    """
-    if not (math.isfinite(stage) and 0 <= compliance < math.inf):
-        raise ValueError(
-            f"loading: a stage at {stage:g} m behind {compliance:g} m/N was asked for; give finite"
-            " ones, the compliance 0 or more"
-        )

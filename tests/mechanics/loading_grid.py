@@ -13,12 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from analysis.arrays import F64
 from analysis.mechanics.half_space import SurfaceGreen
 from analysis.mechanics.interface import Interface, Memory
-from analysis.mechanics.loading import AxisymmetricLoading, SphereContact, check_drive
+from analysis.mechanics.loading import AxisymmetricLoading, SphereContact
 
 CLOSE = 3e-7
 """Residual, as a fraction of what drives the contact, at which a step is done: 100 times below the
@@ -71,8 +70,6 @@ def hertz_cells(contact: SphereContact, cells: int) -> tuple[F64, float]:
     """Mean pressure (Pa) on each cell of a square grid that just holds the contact, shape (cells,
     cells), and its pitch (m).
     """
-    if cells < 8:
-        raise ValueError(f"loading: a grid of {cells} cells a side was asked for; use 8 or more")
     pitch = 2 * contact.reach / (cells - 2)
     at = (np.arange(cells * SUB) - (cells * SUB - 1) / 2) * pitch / SUB
     fine = contact.pressure(np.hypot(at[:, None], at))
@@ -81,11 +78,11 @@ def hertz_cells(contact: SphereContact, cells: int) -> tuple[F64, float]:
 
 
 class GridLoading:
-    """States of a contact whose block is displaced, on a grid.
+    """States of a contact whose block is displaced, on a grid; first loadings of a round one only.
 
     Parameters
     ----------
-    pressure : array_like, shape (ny, nx)
+    pressure : ndarray, shape (ny, nx)
         Pascals, 0 outside the contact.
     green : SurfaceGreen
         Of that shape; coupled: both components of the traction.
@@ -98,15 +95,8 @@ class GridLoading:
     interface's stiffness k enters as ``1 + sqrt(k) G sqrt(k)``.
     """
 
-    def __init__(self, pressure: ArrayLike, green: SurfaceGreen, interface: Interface) -> None:
-        p = np.asarray(pressure, dtype=np.float64)
-        if p.shape != green.shape or not (np.isfinite(p) & (p >= 0)).all() or not p.any():
-            raise ValueError(
-                f"loading: a pressure of shape {p.shape} found; give {green.shape}, finite, 0 or"
-                " more, and not 0 everywhere"
-            )
-        self.pressure, self.green, self.interface = p, green, interface
-        self._round: AxisymmetricLoading | None = None
+    def __init__(self, pressure: F64, green: SurfaceGreen, interface: Interface) -> None:
+        self.pressure, self.green, self.interface = pressure, green, interface
         self._area = green.pitch[0] * green.pitch[1]
 
     @classmethod
@@ -118,19 +108,15 @@ class GridLoading:
         E, nu, thickness = contact.E, contact.nu, contact.thickness
         green = SurfaceGreen(p.shape, pitch, E, nu, thickness=thickness, coupled=coupled)
         loading = cls(p, green, Interface(contact.mu, contact.L))
-        loading._round = AxisymmetricLoading(contact)
+        loading.round = AxisymmetricLoading(contact)
         return loading
 
     def _guess(self, stage: float, compliance: float) -> F64:
-        """Where the search for a first loading starts: at the axisymmetric solution, if the contact
-        is round.
-        """
-        if self._round is None:
-            return self.rest.s
+        """Where the search for a first loading starts: at the axisymmetric solution."""
         ny, nx = self.green.shape
         x = (np.arange(nx) - (nx - 1) / 2) * self.green.pitch[0]
         y = (np.arange(ny)[:, None] - (ny - 1) / 2) * self.green.pitch[1]
-        state = self._round.driven(stage, compliance)
+        state = self.round.driven(stage, compliance)
         r, double = np.hypot(x, y), 2 * np.arctan2(y, x)
         at = np.linspace(0, r.max(), 2048)
         g0, g2 = (np.interp(r, at, g) for g in state.displacement(at))
@@ -143,15 +129,9 @@ class GridLoading:
         zero = np.zeros((2, *self.green.shape) if self.green.coupled else self.green.shape)
         return GridState(0.0, 0.0, zero, zero, self.pressure, Memory.fresh(self.pressure.size))
 
-    def driven(
-        self, stage: float, compliance: float = 0.0, *, near: GridState | None = None
-    ) -> GridState:
-        """State after a first loading by a stage (m) in series with a compliance (m/N); the search
-        starts `near` another state.
-        """
-        check_drive(stage, compliance)
-        s = self._guess(stage, compliance) if near is None else near.s
-        return self._solved(self.rest, s, stage, compliance)
+    def driven(self, stage: float, compliance: float = 0.0) -> GridState:
+        """State after a first loading by a stage (m) in series with a compliance (m/N)."""
+        return self._solved(self.rest, self._guess(stage, compliance), stage, compliance)
 
     def advance(
         self,
@@ -159,18 +139,12 @@ class GridLoading:
         stage: float,
         *,
         compliance: float = 0.0,
-        pressure: ArrayLike | None = None,
+        pressure: F64 | None = None,
     ) -> GridState:
-        """State that follows another one, once the pressure (default: its own) and then the stage
-        have come to their new values.
+        """State that follows another one of one component, once the pressure (default: its own) and
+        then the stage have come to their new values.
         """
-        check_drive(stage, compliance)
-        if self.green.coupled:
-            raise ValueError(
-                "loading: a history with both components of the traction was asked for; use one"
-                " component, or first loadings"
-            )
-        p = state.pressure if pressure is None else np.asarray(pressure, dtype=np.float64)
+        p = state.pressure if pressure is None else pressure
         loading = self if p is self.pressure else GridLoading(p, self.green, self.interface)
         return loading._solved(state, state.s, stage, compliance)
 

@@ -95,19 +95,6 @@ def test_finer_cells_come_closer():
     assert errors[2] < 1e-3 * Q
 
 
-def test_where_the_search_starts_does_not_matter():
-    near = GRID.driven(0.3 * SHIFT)
-    free = GridLoading(GRID.pressure, GRID.green, GRID.interface)
-    states = [
-        GRID.driven(0.6 * SHIFT),
-        GRID.driven(0.6 * SHIFT, near=near),
-        free.driven(0.6 * SHIFT),
-    ]
-    for state in states[1:]:
-        assert pytest.approx(states[0].Q, rel=1e-6) == state.Q
-        np.testing.assert_allclose(state.sigma, states[0].sigma, atol=1e-4 * states[0].sigma.max())
-
-
 def test_histories_agree():
     state, true = GRID.rest, ROUND.rest
     for P, part, compliance in (
@@ -125,14 +112,6 @@ def test_histories_agree():
         assert pytest.approx(true.Q, abs=1.5e-3 * CONTACT.mu * P) == state.Q
         assert state.D + compliance * state.Q == pytest.approx(part * SHIFT, rel=1e-12)
         assert pytest.approx(state.sigma.sum() * GRID.green.pitch[0] ** 2, rel=1e-12) == state.Q
-
-
-def test_a_step_of_nothing_changes_nothing():
-    state = GRID.driven(0.6 * SHIFT)
-    again = GRID.advance(state, 0.6 * SHIFT)
-    assert pytest.approx(state.Q, rel=1e-9) == again.Q
-    on, reference = (GRID.advance(s, 0.8 * SHIFT) for s in (again, state))
-    assert pytest.approx(reference.Q, rel=1e-6) == on.Q
 
 
 def test_without_poissons_ratio_both_components_are_one():
@@ -166,20 +145,3 @@ def test_cells_hold_the_whole_contact():
     assert p.sum() * pitch**2 == pytest.approx(CONTACT.P, rel=1e-12)
     assert p[CELLS // 2, 1] > 0
     assert p[:, 0].max() == 0
-
-
-def test_bad_requests_are_refused():
-    green, law = SurfaceGreen((8, 8), 1e-4, 3e6, 0.5), Interface(0.9, 1e-6)
-    for p in (np.ones((8, 7)), np.zeros((8, 8)), -np.ones((8, 8)), np.full((8, 8), np.nan)):
-        with pytest.raises(ValueError, match=r"^loading: a pressure"):
-            GridLoading(p, green, law)
-    with pytest.raises(ValueError, match="cells a side"):
-        hertz_cells(CONTACT, 4)
-    with pytest.raises(ValueError, match="rigid interface"):
-        GridLoading(np.ones((8, 8)), green, Interface(0.9, 0.0)).driven(1e-6)
-    for stage, compliance in ((np.nan, 0.0), (1e-6, -1.0)):
-        with pytest.raises(ValueError, match=r"^loading: a stage"):
-            GRID.driven(stage, compliance)
-    both = GridLoading.of_sphere(CONTACT, 16, coupled=True)
-    with pytest.raises(ValueError, match="one component"):
-        both.advance(both.rest, 1e-6)
