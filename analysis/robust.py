@@ -62,7 +62,7 @@ def huber_fit(
 
 
 def white_noise(y: Array) -> float:
-    """Standard deviation of the noise on a smooth signal, shape (n,), from its second
+    """Standard deviation of the noise on smooth signals, shape (..., n), from their second
     differences.
     """
     return robust_sd(np.diff(y, 2)) / float(np.sqrt(6))

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from analysis.arrays import F64, Array, Bool
-from analysis.robust import robust_sd, serial_inflation
+from analysis.robust import robust_sd, serial_inflation, white_noise
 
 SMOOTHING_PX = 2.0  # before the first look only
 LEAST_RADIUS_PX = 12.0
@@ -100,7 +100,7 @@ def smooth_contact(image: Array, background: Array | None = None) -> SmoothConta
     if not np.isfinite(seen).all():
         raise ValueError("smooth contact: grey levels that are no numbers found; give a picture")
     centre, radius = _first_look(seen)
-    noise = robust_sd(np.diff(seen, 2, axis=1)) / math.sqrt(6)
+    noise = white_noise(seen)
     for turn in range(ROUNDS):
         # the first circle is off by more than the window may be narrow
         half = WINDOW_PX * (2 if turn == 0 else 1)

@@ -100,7 +100,8 @@ def check_pressure(
         )
     a = hertz.contact_radius(P, law.E, nu, R)
     smooth = hertz.pressure(r, P, a)
-    rough = _rough(P, law.E, nu, R, h, r)
+    contact = _rough(P, law.E, nu, R, h)
+    rough = contact.pressure(r) if contact else smooth
     seen = np.isfinite(sd) & (sd > 0)
     hertz_chi2, rough_chi2 = (_chi2(p, model, sd, seen) for model in (smooth, rough))
     is_rough = rough_chi2 < hertz_chi2
@@ -144,12 +145,12 @@ def modulus_of_width(
     return _modulus_of_radius(width, P, law.E, nu, R, h)
 
 
-def _rough(P: float, E: float, nu: float, R: float, h: float, r: F64) -> F64:
-    """Greenwood and Tripp's pressure, or Hertz's where they are the same."""
-    a = hertz.contact_radius(P, E, nu, R)
-    if h * R / a**2 < greenwood_tripp.SMOOTHEST:
-        return hertz.pressure(r, P, a)
-    return greenwood_tripp.rough_contact(P, E, nu, R, h).pressure(r)
+def _rough(
+    P: float, E: float, nu: float, R: float, h: float
+) -> greenwood_tripp.RoughContact | None:
+    """Greenwood and Tripp's contact; None where it is Hertz's."""
+    is_smooth = h * R / hertz.contact_radius(P, E, nu, R) ** 2 < greenwood_tripp.SMOOTHEST
+    return None if is_smooth else greenwood_tripp.rough_contact(P, E, nu, R, h)
 
 
 def _chi2(p: F64, model: F64, sd: F64, seen: np.ndarray) -> float:
@@ -175,10 +176,8 @@ def _modulus_of_radius(
     """
 
     def radius(E: float) -> float:
-        a = hertz.contact_radius(P, E, nu, R)
-        if h * R / a**2 < greenwood_tripp.SMOOTHEST:
-            return a
-        return greenwood_tripp.rough_contact(P, E, nu, R, h).effective_radius
+        contact = _rough(P, E, nu, R, h)
+        return contact.effective_radius if contact else hertz.contact_radius(P, E, nu, R)
 
     low, high = near / MAX_MODULUS_RATIO, near * MAX_MODULUS_RATIO
     if not radius(high) < width < radius(low):

@@ -41,11 +41,11 @@ def table_of(path: Path, columns: Mapping[str, Column], what: str) -> dict[str, 
 
     table = read_table(path, {quantity: units for quantity, units, _ in columns.values()})
     needed = {quantity: header for quantity, _, header in columns.values() if header}
-    if not table.has(*needed):
+    found = table.numbers | table.texts
+    if not needed.keys() <= found.keys():
         *first, last = needed.values()
         raise UserError(
             f"{path}: the header has no {', '.join(first)} or {last}; give {what}; found"
             f" {', '.join(table.header)[:200]}"
         )
-    found = table.numbers
     return {name: found[quantity] for name, (quantity, *_) in columns.items() if quantity in found}

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from app.calibrations.calibration import Data
-from app.calibrations.given_files import is_session
+from app.calibrations.given_files import is_session, table_of
 from app.calibrations.session_readings import recorded_readings
-from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE, read_table
+from app.files.text_tables import FORCE, LENGTH, TEXT, TIME, VOLTAGE
 from app.records.record_types import STEP
 from app.settings.hung_weights import AXES, asked_weight
 from app.settings.protocol_steps import Hold
@@ -24,8 +24,9 @@ from app.system.errors import UserError
 COME_TO_REST = 0.2  # share of a hold that is not used
 ALIKE = "range", "sign", "sensitivity"  # of sensors whose readings can be put together
 TABLE = {
-    "load": FORCE, "displacement": LENGTH, "normal": VOLTAGE, "shear": VOLTAGE,
-    "time": TIME, "axis": TEXT,
+    "load": ("load", FORCE, ""), "displacement": ("displacement", LENGTH, ""),
+    "normal_v": ("normal", VOLTAGE, "normal_V"), "shear_v": ("shear", VOLTAGE, "shear_V"),
+    "time": ("time", TIME, ""), "axis": ("axis", TEXT, "axis"),
 }  # fmt: skip
 
 
@@ -104,17 +105,12 @@ def _of_session(path: Path) -> tuple[list[LoadedReading], dict[str, float | tupl
 
 
 def _of_table(path: Path) -> Iterator[LoadedReading]:
-    table = read_table(path, TABLE)
-    if not table.has("normal", "shear") or "axis" not in table.texts:
-        raise UserError(
-            f"{path}: a table of loads has the columns load_N or displacement_um, normal_V,"
-            f" shear_V and axis, and time_s if you like; found {', '.join(table.header)[:200]}"
-        )
-    nothing = np.full(table.rows, math.nan)
-    load, displacement = (table.numbers.get(of, nothing) for of in ("load", "displacement"))
-    time = table.numbers.get("time", np.arange(float(table.rows)))
-    numbers = load, displacement, table.numbers["normal"], table.numbers["shear"], time
-    rows = zip(table.texts["axis"], np.transpose(numbers).tolist(), strict=True)
+    found = table_of(path, TABLE, "readings, load_N or displacement_um, and time_s if you like")
+    axes = found["axis"]
+    usual = dict.fromkeys(("load", "displacement"), np.full(len(axes), math.nan))
+    found = usual | {"time": np.arange(float(len(axes)))} | found
+    numbers = [found[name] for name in ("load", "displacement", "normal_v", "shear_v", "time")]
+    rows = zip(axes, np.transpose(numbers).tolist(), strict=True)
     for row, (name, (newtons, metres, *read)) in enumerate(rows, 1):
         axis = name.strip().lower()
         if axis not in AXES or math.isnan(newtons) == math.isnan(metres):

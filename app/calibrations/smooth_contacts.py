@@ -12,15 +12,18 @@ from analysis.arrays import F64
 from analysis.contact.smooth import SmoothContact
 from analysis.undistorted import ideal_places
 from app.calibrations.calibration import Data
-from app.calibrations.given_files import is_session
+from app.calibrations.given_files import is_session, table_of
 from app.calibrations.session_readings import opened, relative_sd_of_forces
-from app.files.text_tables import FORCE, LENGTH, TEXT, read_table
+from app.files.text_tables import FORCE, LENGTH, TEXT
 from app.session.reader import SessionReader
 from app.settings.config import load
 from app.settings.sections import Config
 from app.system.errors import UserError
 
-TABLE = {"a": LENGTH, "radius": LENGTH, "p": FORCE, "a_sd": LENGTH, "p_sd": FORCE, "branch": TEXT}
+TABLE = {
+    "a": ("a", LENGTH, "a_um"), "P": ("p", FORCE, "P_N"), "a_sd": ("a_sd", LENGTH, "a_sd_um"),
+    "P_sd": ("p_sd", FORCE, "P_sd_N"), "branch": ("branch", TEXT, ""),
+}  # fmt: skip
 MOST_PICTURES = 300
 AROUND_S = 0.05  # of the forces about a picture whose mean is its force
 LEAST_FORCE_SD = 1e-4  # newtons
@@ -64,22 +67,14 @@ def _constants(config: Config, bend: float = 0.0) -> Data:
 
 
 def _of_table(path: Path) -> Data:
-    table = read_table(path, TABLE)
-    radius = "a" if table.has("a") else "radius"
-    needed = (radius, "p", "a_sd", "p_sd")
-    if not table.has(*needed):
-        raise UserError(
-            f"{path}: a table of a JKR test has the columns a_um, P_N, a_sd_um, P_sd_N, and branch"
-            f" if you like; found {', '.join(table.header)[:200]}"
-        )
-    a, P, a_sd, P_sd = (table.numbers[name] for name in needed)
-    falls = np.arange(len(P)) > np.nanargmax(np.append(P, -np.inf))
-    if "branch" in table.texts:
-        words = [word.strip().lower() for word in table.texts["branch"]]
+    found = table_of(path, TABLE, "radii and forces of a JKR test, and branch if you like")
+    falls = np.arange(len(found["P"])) > np.nanargmax(np.append(found["P"], -np.inf))
+    if "branch" in found:
+        words = [word.strip().lower() for word in found.pop("branch")]
         if odd := sorted({*words} - {*BRANCHES}):
             raise UserError(f"{path}: '{odd[0][:40]}' is no branch; write loading or unloading")
         falls = np.array([word == "unloading" for word in words])
-    return {"a": a, "P": P, "a_sd": a_sd, "P_sd": P_sd, "unloading": falls}
+    return found | {"unloading": falls}
 
 
 def _rests(rows: F64) -> F64:

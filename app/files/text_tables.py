@@ -74,6 +74,7 @@ WORDS = {
         *("zeit", "uhrzeit", "datum", "zeitstempel", "datum uhrzeit", "temps", "tiempo"),
     ),
     "stage": ("position", "stage position"),
+    "a": ("radius",),
     "p": _NORMAL,
     "q": _SHEAR,
     "normal": _NORMAL,

@@ -145,7 +145,7 @@ def test_a_table_that_tells_no_stiffness_is_refused(tmp_path, rows, word):
     [
         (TABLE + "vertical,1,,2,3\n", "normal or shear, found 'vertical'"),
         (TABLE + "normal,1,1,2,3\n", "either a load or a displacement"),
-        ("load_N,normal_V\n1,2\n", "shear_V and axis"),
+        ("load_N,normal_V\n1,2\n", "no normal_V, shear_V or axis"),
     ],
 )
 def test_a_table_without_what_is_needed_is_refused(tmp_path, text, word):

@@ -114,7 +114,7 @@ def test_a_jkr_test_whose_force_drifts_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("table", "word"),
     [
-        ("a_um,P_N\n1,2\n", "a_um, P_N, a_sd_um, P_sd_N"),
+        ("a_um,P_N\n1,2\n", "no a_um, P_N, a_sd_um or P_sd_N"),
         ("a_um,P_N,a_sd_um,P_sd_N,branch\n1,2,3,4,up\n", "'up' is no branch"),
     ],
 )
