@@ -43,11 +43,7 @@ Estimate = Callable[[Rings, float], tuple[float, float]]
 @cache
 def inversion(P: float) -> AxisymmetricInversion:
     """The live inversion at that normal force."""
-    a = world.hertz_radius(P)
-    mask = a + 2 * np.sqrt(world.R * rough_world.H) + 2 * world.PITCH
-    return AxisymmetricInversion(
-        world.X, world.Y, world.PITCH, mask, world.E, world.NU, edge=a, box=world.BOX
-    )
+    return world.inversion(world.hertz_radius(P))
 
 
 def live(rings: Rings, P: float) -> tuple[float, float]:

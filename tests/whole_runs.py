@@ -34,6 +34,12 @@ def recorded(path: Path, *settings: str, **how: Any) -> Outcome:
     return done(live.make_run(config.load(None, settings), path, pace=None, **how))
 
 
+def ran(settings: config.Config, path: Path) -> Path:
+    """Run these settings from beginning to end; `path`, at which it was recorded."""
+    done(live.make_run(settings, path, pace=None))
+    return path
+
+
 def replayed(path: Path) -> Replay:
     """A replay that has ended."""
     replay = Replay(path, pace=None)

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from hidden_benches import Found
+from whole_runs import ran
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
@@ -16,7 +17,7 @@ from app.calibrations.lens_holder import LensHolder, LensHolderOptions
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
 from app.calibrations.session_readings import relative_sd_of_forces
-from app.runs.live import make_run, scenario
+from app.runs.live import scenario
 from app.settings.certificates import read_certificate
 from app.settings.config import load
 
@@ -30,10 +31,7 @@ def certify(path, calibration, options, *settings):
     with TemporaryDirectory() as folder:
         sessions = [Path(folder) / f"{n}.h5" for n in range(len(plan))]
         for config, session in zip(plan, sessions, strict=True):
-            run = make_run(config, session, pace=None)
-            run.start()
-            outcome = run.wait(600)
-            assert outcome.state == "done", outcome.reason
+            ran(config, session)
         evaluated(calibration, sessions, options).write(path, overwrite=False)
     return plan[0]
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from whole_runs import done
+from whole_runs import ran
 
 from app.calibrations.actuator import ActuatorCalibration, ActuatorOptions
 from app.calibrations.certifying import evaluated
 from app.calibrations.correlation_noise import CorrelationNoise, CorrelationNoiseOptions
-from app.runs.live import make_run, scenario
+from app.runs.live import scenario
 from app.settings.config import load
 
 TIME = np.arange(0, 20, 0.1)
@@ -17,7 +17,7 @@ SMALL = ("camera.width=240", "camera.height=200", "run.normal_force=0.3")
 def recorded(calibration, options, path, *settings):
     """The session of the only run of a calibration on the simulated bench."""
     (config,) = calibration.plan(load(None, [*SMALL, *settings]), options)
-    done(make_run(config, path, pace=None))
+    ran(config, path)
     return config
 
 

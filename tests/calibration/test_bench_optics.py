@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from blobs import Speckle
 from hidden_benches import board, lines, seen
-from whole_runs import done
+from test_bench_motion import values
+from whole_runs import ran
 
 from app.calibrations.camera_noise import CameraCalibration, CameraOptions
 from app.calibrations.certifying import evaluated
 from app.calibrations.pattern_map import PatternCalibration, PatternOptions
 from app.calibrations.pixel_scale import ScaleCalibration, ScaleOptions
-from app.runs.live import make_run
 from app.settings.config import load
 from app.system.errors import UserError
 
@@ -22,15 +22,8 @@ SMALL = ("camera.width=280", "camera.height=200", "run.normal_force=0.3", "dic.t
 
 def recorded(calibration, options, folder, *settings):
     """The sessions of the runs of a calibration on the simulated bench."""
-    sessions = []
-    for n, config in enumerate(calibration.plan(load(None, [*SMALL, *settings]), options)):
-        sessions.append(folder / f"{n}.h5")
-        done(make_run(config, sessions[-1], pace=None))
-    return sessions
-
-
-def values(found):
-    return {one.key: one for one in found.result.values}
+    plan = calibration.plan(load(None, [*SMALL, *settings]), options)
+    return [ran(config, folder / f"{n}.h5") for n, config in enumerate(plan)]
 
 
 def test_the_scale_of_a_turned_camera_with_a_lens(tmp_path):

@@ -4,12 +4,11 @@ and after.
 
 import numpy as np
 import pytest
-from whole_runs import done
+from whole_runs import ran
 
 from app.calibrations.certifying import evaluated
 from app.calibrations.weights import ForceCalibration, WeightOptions
 from app.evaluation.setup import sensor_chain
-from app.runs.live import make_run
 from app.settings.config import load
 from slipscope import Session
 
@@ -39,16 +38,11 @@ def bench(*settings):
     return load(None, [*SMALL, *settings, f"sim.errors={list(errors)}".replace("'", '"')])
 
 
-def recorded(config, path):
-    done(make_run(config, path, pace=None))
-    return path
-
-
 def friction(config, path):
     """Q/P at the end of the drive, where the contact slides, and its uncertainty by the
     calibration.
     """
-    with Session(recorded(config, path)) as session:
+    with Session(ran(config, path)) as session:
         _, normal, shear = session.forces
     end = slice(len(normal) - 500, None)
     P, Q = normal[end].mean(), shear[end].mean()
@@ -60,7 +54,7 @@ def friction(config, path):
 @pytest.mark.slow
 def test_a_calibration_brings_forces_within_their_stated_uncertainty(tmp_path):
     before, (plan,) = bench(), ForceCalibration().plan(bench(), WEIGHTS)
-    found = evaluated(ForceCalibration(), [recorded(plan, tmp_path / "weights.h5")], WEIGHTS)
+    found = evaluated(ForceCalibration(), [ran(plan, tmp_path / "weights.h5")], WEIGHTS)
     found.write(tmp_path / "forces.zip", overwrite=False)
     after = bench(f'calibration.certificates=["{(tmp_path / "forces.zip").as_posix()}"]')
 

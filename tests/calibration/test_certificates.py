@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from calibration.stage_speed import Speed
 from cli.conftest import call
-from whole_runs import done
+from whole_runs import done, ran
 
 from analysis.options import Section, as_written
 from app.calibrations.calibration import calibration_run
@@ -286,9 +286,9 @@ def test_a_calibration_from_the_future_is_due(tmp_path):
 def test_a_session_keeps_what_the_certificates_of_its_bench_say(tmp_path):
     path = written(tmp_path / "k.zip")
     config = load(None, [*SMALL, naming(path), "run.travel=5", "run.background_time=0"])
-    done(make_run(config, tmp_path / "run.h5", pace=None))
+    run = ran(config, tmp_path / "run.h5")
     path.unlink()
-    with Session(tmp_path / "run.h5") as session:
+    with Session(run) as session:
         kept = json.loads(session.versions["calibration: k.zip"])
         assert kept["values"][0]["value"] == 700.0
         assert session.settings["forces"]["stiffness_normal"] == 700.0

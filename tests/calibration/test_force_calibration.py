@@ -10,12 +10,11 @@ import pytest
 from cli.conftest import call
 from hidden_benches import SMALL, hung
 from seeds import errors, holds, pulls, seen_by
-from whole_runs import done
+from whole_runs import ran
 
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import CalibrationRefused, evaluated
 from app.calibrations.weights import ForceCalibration, WeightOptions
-from app.runs.live import make_run
 from app.settings.config import load
 from app.settings.hung_weights import asked_weight, asking_for, hung_weights
 from app.settings.protocol_steps import Approach, Ask, Hold
@@ -32,10 +31,8 @@ UP_AND_DOWN = [0, 0.25, 0.5, 0.75, 1, 0.75, 0.5, 0.25, 0, 0.25, 0.5, 0.75, 1, 0.
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    path = tmp_path_factory.mktemp("weights") / "forces-1.h5"
     (config,) = ForceCalibration().plan(load(None, [*SMALL, HIDDEN]), SHORT)
-    done(make_run(config, path, pace=None))
-    return path
+    return ran(config, tmp_path_factory.mktemp("weights") / "forces-1.h5")
 
 
 def table(rows):
@@ -228,8 +225,7 @@ def test_a_real_bench_waits_for_its_operator_and_a_run_without_weights_is_refuse
 
 
 def test_another_session_than_one_of_weights_is_refused(session, tmp_path):
-    path = tmp_path / "hold.h5"
-    done(make_run(calibration_run(load(None, SMALL), [Hold(time=0.5)]), path, pace=None))
+    path = ran(calibration_run(load(None, SMALL), [Hold(time=0.5)]), tmp_path / "hold.h5")
     with pytest.raises(UserError, match="none of its steps asks for a weight"):
         evaluated(ForceCalibration(), [path], SHORT)
     with pytest.raises(UserError, match="others than those"):
@@ -241,5 +237,4 @@ def other_bench(folder):
     (config,) = ForceCalibration().plan(
         load(None, [*SMALL, "forces.sensitivity_normal=250"]), options
     )
-    done(make_run(config, folder / "other.h5", pace=None))
-    return [folder / "other.h5"]
+    return [ran(config, folder / "other.h5")]

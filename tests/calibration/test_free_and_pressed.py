@@ -6,13 +6,12 @@ import math
 from dataclasses import replace
 
 import pytest
-from whole_runs import done
+from whole_runs import ran
 
 from app.calibrations.calibration import calibration_run
 from app.calibrations.certifying import CalibrationRefused, evaluated
 from app.calibrations.coupling import CouplingCalibration, PressingOptions
 from app.calibrations.force_noise import ForceNoiseCalibration, NoiseOptions
-from app.runs.live import make_run
 from app.settings.config import load
 from app.settings.protocol_steps import Hold
 
@@ -20,24 +19,19 @@ SMOOTH = ("sim.law=cattaneo-mindlin", "sim.pressure=hertz")  # made in no time
 SMALL = ("camera.width=64", "camera.height=64", "dic.box=20", *SMOOTH)
 
 
-def recorded(config, path):
-    done(make_run(config, path, pace=None))
-    return path
-
-
 @pytest.fixture(scope="module")
 def pressings(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pressings")
     hidden = 'sim.errors=["forces.shear_from_normal 0.013"]'
     plan = CouplingCalibration().plan(load(None, [*SMALL, hidden]), PressingOptions(rest=1.0))
-    return [recorded(config, folder / f"{i}.h5") for i, config in enumerate(plan)]
+    return [ran(config, folder / f"{i}.h5") for i, config in enumerate(plan)]
 
 
 @pytest.fixture(scope="module")
 def free(tmp_path_factory):
     config = load(None, [*SMALL, "sim.force_noise=1.7", "sim.hum=0.4", "sim.zero_drift=3"])
     (config,) = ForceNoiseCalibration().plan(config, NoiseOptions(time=12.0))
-    return recorded(config, tmp_path_factory.mktemp("free") / "free.h5")
+    return ran(config, tmp_path_factory.mktemp("free") / "free.h5")
 
 
 def test_pressings_on_a_simulated_bench_tell_its_hidden_cross_talk(pressings):
@@ -63,7 +57,7 @@ def test_few_records_and_records_without_a_pressing_tell_no_cross_talk(pressings
 def test_sessions_of_other_settings_are_not_put_together(pressings, tmp_path):
     config = load(None, [*SMALL, "forces.coupling=[[1, 0], [0, 1]]"])
     (config, *_) = CouplingCalibration().plan(config, PressingOptions(rest=1.0))
-    other = recorded(config, tmp_path / "other.h5")
+    other = ran(config, tmp_path / "other.h5")
     with pytest.raises(CalibrationRefused, match="different forces"):
         evaluated(CouplingCalibration(), [*pressings, other], PressingOptions())
 
@@ -103,4 +97,4 @@ def test_a_sensor_that_is_not_connected_has_no_noise(tmp_path):
     config = calibration_run(load(None, SMALL), [Hold(time=8.0)])
     quiet = replace(config, sim=replace(config.sim, force_noise=0.0))
     with pytest.raises(CalibrationRefused, match="does not change by one step"):
-        evaluated(ForceNoiseCalibration(), [recorded(quiet, tmp_path / "a.h5")], NoiseOptions())
+        evaluated(ForceNoiseCalibration(), [ran(quiet, tmp_path / "a.h5")], NoiseOptions())

@@ -305,7 +305,7 @@ def test_options_that_can_not_be_used_are_refused(pictures, tmp_path):
     mask = save(tmp_path / "mask.png", np.ones((119, 160), np.uint8))
     black = save(tmp_path / "black.png", np.zeros((120, 160), np.uint8))
     for images, output, settings, options, words in [
-        ([], "a.csv", {}, {}, "no images"),
+        ([], "a.csv", {}, {}, "there are no images to correlate with it"),
         (pictures, "a.txt", {}, {}, "ending '.txt'"),
         (pictures, "none/a.csv", {}, {}, "does not exist"),
         (pictures, "a.csv", {"box": 119}, {}, "do not fit"),
@@ -405,11 +405,6 @@ def test_a_stack_and_a_folder_are_correlated_image_by_image(pictures, tmp_path):
     with np.load(tmp_path / "files.npz") as a, np.load(tmp_path / "0.npz") as b:
         np.testing.assert_array_equal(a["ux_px"], b["ux_px"])
         assert str(b["images"][0]) == f"{tmp_path / 'stack.tif'}, page 1"
-
-
-def test_a_single_image_has_nothing_to_be_compared_with(pictures, tmp_path):
-    with pytest.raises(UserError, match="there are no images to correlate with it"):
-        correlate_files(pictures[0], [], tmp_path / "a.npz")
 
 
 def test_a_picture_that_is_turned_over_has_no_displacements(tmp_path):

@@ -125,16 +125,6 @@ def test_light_and_contrast_are_no_displacement(speckle, contrast, level):
         np.testing.assert_allclose(getattr(changed, name), getattr(same, name), atol=2e-4)
 
 
-def test_a_jump_between_frames_is_followed_over_the_whole_field(speckle):
-    shifts = [(0, 0), (2, 1), (15, -13), (0.5, 0.5)]
-    fields = track_all([speckle.image(*shift, noise=2, seed=n) for n, shift in enumerate(shifts)])
-    for field, (ux, uy) in zip(fields, shifts[1:], strict=True):
-        inner = np.s_[2:-2, 2:-2]
-        assert is_ok(field)[inner].all()
-        assert np.abs(field.ux_px[is_ok(field)] - ux).max() < 0.15
-        assert np.abs(field.uy_px[is_ok(field)] - uy).max() < 0.15
-
-
 def test_a_box_without_contrast_says_so(speckle):
     reference, image = speckle.image(), speckle.image(0.5)
     reference[:60, :60] = 100

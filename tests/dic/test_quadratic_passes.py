@@ -7,8 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from regression import by_spline, slow_newton
+from trackers import tracker_at_rest
 
-from analysis.dic import Correlation, Grid, open_tracker
+from analysis.dic import Correlation, Grid
 from analysis.dic.quadratic import SeenByBox
 from analysis.dic.smoothing import cubic
 from analysis.dic.spectrum import slopes, texture
@@ -23,8 +24,7 @@ REFERENCE = camera(PATTERN.grey(ExactMotion.uniform(0.0)), 1, RNG)
 
 def follow(images, **options):
     """The field of the last of the pictures, each of which starts from the one before."""
-    tracker = open_tracker(Correlation(threads=1, **options), REFERENCE)
-    tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
+    tracker = tracker_at_rest(REFERENCE, **options)
     for image in images:
         field = tracker.track(image)
     tracker.close()
@@ -95,8 +95,7 @@ def test_a_box_whose_quadratic_can_not_be_solved_for_is_no_measurement() -> None
     image = REFERENCE.copy()
     image[100:200, 100:200] = 20
     image[100:104, 100:104] = 220
-    tracker = open_tracker(Correlation(threads=1, order=2, box=30, step=10), image)
-    tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
+    tracker = tracker_at_rest(image, order=2, box=30, step=10)
     field = tracker.track(image)
     ok = field.status == 0
     assert np.abs(field.ux_px[ok]).max() < 0.05

@@ -7,6 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blobs import Speckle, way
+from trackers import inner, tracker_at_rest
 
 from analysis.dic import Correlation, Status, open_tracker, refining
 from analysis.dic.neighbours import filled
@@ -15,18 +16,6 @@ SPECKLE = Speckle((240, 320))
 REFERENCE = SPECKLE.image(noise=2, seed=1)
 METHODS = ("shared", "quadratic", "icgn")
 rng = np.random.default_rng(7)
-
-
-def tracker_at_rest(reference=REFERENCE, usable=None, roi=None, **options):
-    tracker = open_tracker(
-        Correlation(**{"threads": 1, **options}), reference, usable=usable, roi=roi
-    )
-    tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
-    return tracker
-
-
-def inner(field, margin=3):
-    return field[margin:-margin, margin:-margin]
 
 
 def misses(field, ux):
@@ -104,7 +93,7 @@ def test_hot_pixels_pull_little() -> None:
 def test_dust_on_a_twentieth_of_every_box_pulls_little() -> None:
     y, x = np.mgrid[: SPECKLE.shape[0], : SPECKLE.shape[1]]
     dust = (y % 20 - 10) ** 2 + (x % 20 - 10) ** 2 <= 2.5**2
-    field = tracker_at_rest().track(
+    field = tracker_at_rest(REFERENCE).track(
         np.where(dust, 5, SPECKLE.image(0.4, noise=2, seed=2)).astype(np.uint8)
     )
     assert (inner(field.status) == Status.OK).mean() > 0.98
@@ -115,7 +104,7 @@ def test_dust_on_a_twentieth_of_every_box_pulls_little() -> None:
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_covered_point_is_lost_by_name_and_comes_back_by_itself(method: str) -> None:
-    tracker = tracker_at_rest(**way(method))
+    tracker = tracker_at_rest(REFERENCE, **way(method))
     covered = SPECKLE.image(0.3, noise=2, seed=2)
     covered[100:160, 120:200] = 30
     field = tracker.track(covered)
@@ -130,7 +119,7 @@ def test_a_covered_point_is_lost_by_name_and_comes_back_by_itself(method: str) -
 
 
 def test_after_a_dark_image_all_points_are_found_where_they_have_gone() -> None:
-    tracker = tracker_at_rest()
+    tracker = tracker_at_rest(REFERENCE)
     tracker.track(SPECKLE.image(0.5, noise=2, seed=2))
     assert not (tracker.track(np.full(SPECKLE.shape, 90, np.uint8)).status == Status.OK).any()
     field = tracker.track(SPECKLE.image(9.4, noise=2, seed=3))
@@ -143,7 +132,7 @@ def test_after_a_dark_image_all_points_are_found_where_they_have_gone() -> None:
 def test_another_surface_is_not_recognised(method: str) -> None:
     found = total = 0
     for seed in range(2):
-        tracker = tracker_at_rest(**way(method))
+        tracker = tracker_at_rest(REFERENCE, **way(method))
         field = tracker.track(Speckle(SPECKLE.shape, seed=100 + seed).image(noise=2, seed=seed))
         found, total = found + int((field.status == Status.OK).sum()), total + field.status.size
     assert found <= 1e-3 * total
@@ -165,8 +154,8 @@ def test_threads_and_regions_change_no_bit(method: str) -> None:
     images = [SPECKLE.image(0.3 * n, 0.1 * n, noise=2, seed=n) for n in range(1, 4)]
     images[1][50:90, 50:120] = 20
     region = (150, 110, 270, 200)
-    trackers = [tracker_at_rest(**way(method), threads=n) for n in (1, 2, 3)] + [
-        tracker_at_rest(**way(method), roi=region)
+    trackers = [tracker_at_rest(REFERENCE, **way(method), threads=n) for n in (1, 2, 3)] + [
+        tracker_at_rest(REFERENCE, **way(method), roi=region)
     ]
     for image in images:
         first, *others, part = [tracker.track(image) for tracker in trackers]
@@ -181,7 +170,7 @@ def test_threads_and_regions_change_no_bit(method: str) -> None:
 
 def test_skipped_images_change_less_than_a_tenth_of_the_uncertainty() -> None:
     images = [SPECKLE.image(0.12 * n, noise=2, seed=n) for n in range(1, 9)]
-    every, some = tracker_at_rest(), tracker_at_rest()
+    every, some = tracker_at_rest(REFERENCE), tracker_at_rest(REFERENCE)
     for n, image in enumerate(images):
         field = every.track(image)
         if n in (0, 3, 4, 7):
@@ -266,7 +255,7 @@ def test_settings_that_can_not_be_used_are_refused_in_one_sentence(options) -> N
 
 
 def test_images_that_can_not_be_used_are_refused() -> None:
-    tracker = tracker_at_rest()
+    tracker = tracker_at_rest(REFERENCE)
     for image in (
         REFERENCE[:-1],
         REFERENCE[..., None],
@@ -276,9 +265,9 @@ def test_images_that_can_not_be_used_are_refused() -> None:
         with pytest.raises(ValueError, match=r"image: .*found"):
             tracker.track(image)
     with pytest.raises(ValueError, match="mask: shape"):
-        tracker_at_rest(usable=np.ones((3, 3), bool))
+        tracker_at_rest(REFERENCE, usable=np.ones((3, 3), bool))
     with pytest.raises(ValueError, match="no box of 20 px lies in the region"):
-        tracker_at_rest(roi=(0, 0, 3, 3))
+        tracker_at_rest(REFERENCE, roi=(0, 0, 3, 3))
     with pytest.raises(ValueError, match="start field: shape"):
         tracker.start_from(np.zeros((3, 3)), np.zeros((3, 3)))
 

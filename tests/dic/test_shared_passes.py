@@ -12,6 +12,7 @@ import pytest
 from blobs import Speckle
 from numpy.polynomial.polynomial import polyval
 from python_program import python
+from trackers import inner, tracker_at_rest
 
 from analysis.dic import Correlation, Grid, compile_kernels, open_tracker, quadratic, strips
 from analysis.dic.passes import SharedPasses
@@ -23,14 +24,8 @@ from benchmarks.speckle import ExactMotion, Pattern, camera
 SPECKLE = Speckle((240, 320))
 
 
-def inner(field, margin=3):
-    """Away from the edges, where boxes leave the image or are read beyond it."""
-    return field[..., margin:-margin, margin:-margin]
-
-
-def track(reference, image, start=(0.0, 0.0), **options):
-    tracker = open_tracker(Correlation(threads=1, **options), reference)
-    tracker.start_from(*(np.full(tracker.grid.shape, s) for s in start))
+def track(reference, image, **options):
+    tracker = tracker_at_rest(reference, **options)
     field = tracker.track(image)
     tracker.close()
     return tracker.grid, field

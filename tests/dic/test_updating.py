@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from blobs import Speckle
+from trackers import inner, tracker_at_rest
 
 from analysis.dic import Correlation, Field, Status, open_tracker
 from analysis.dic.updating import UpdatingTracker
@@ -14,14 +15,8 @@ SPECKLE = Speckle((240, 320))
 
 
 def follow(images, **options):
-    tracker = open_tracker(Correlation(threads=1, **options), images[0])
-    tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
-    fields = [tracker.track(image) for image in images[1:]]
-    return tracker, fields
-
-
-def inner(field, margin=4):
-    return field[margin:-margin, margin:-margin]
+    tracker = tracker_at_rest(images[0], **options)
+    return tracker, [tracker.track(image) for image in images[1:]]
 
 
 @pytest.mark.parametrize(

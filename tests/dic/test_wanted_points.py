@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 from blobs import Speckle, way
+from trackers import tracker_at_rest
 
-from analysis.dic import Correlation, Status, open_tracker
+from analysis.dic import Correlation, Status
 
 SPECKLE = Speckle((360, 480))
 
@@ -17,8 +18,7 @@ def moved():
 
 
 def tracker_of(**options):
-    tracker = open_tracker(Correlation(threads=1, **options), moved()[0])
-    tracker.start_from(*np.zeros((2, *tracker.grid.shape)))
+    tracker = tracker_at_rest(moved()[0], **options)
     x, y = np.meshgrid(tracker.grid.x_px, tracker.grid.y_px)
     return tracker, np.hypot(x - 240, y - 180) < 110
 

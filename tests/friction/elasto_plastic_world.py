@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline, make_interp_spline
 from scipy.optimize import brentq
 
 from analysis.contact.rings import Rings, ring_means
+from analysis.inversion.axisymmetric import AxisymmetricInversion
 
 E, NU, R, MU, L = 3.43e6, 0.5, 0.1288, 0.93, 0.80e-6
 H = 0.595e-6  # metres, standard deviation of the heights of the paper's sample
@@ -244,6 +245,12 @@ def noise(
     white = np.random.default_rng(seed).normal(size=[n + side - 1 for n in shape])
     cells = np.lib.stride_tricks.sliding_window_view(white, (side, side))
     return level * cells.sum(axis=(2, 3)) / side
+
+
+def inversion(a: float, modulus: float = E) -> AxisymmetricInversion:
+    """As a run has it that takes the contact for one of that radius and the block to be so soft."""
+    mask = a + 2 * np.sqrt(R * 0.6e-6) + 2 * PITCH
+    return AxisymmetricInversion(X, Y, PITCH, mask, modulus, NU, edge=a, box=BOX)
 
 
 def rings_of(field: np.ndarray) -> Rings:

@@ -29,11 +29,8 @@ FEW = 6  # draws, where the uncertainties are not the subject, or those of many 
 @cache
 def inversion(P: float) -> AxisymmetricInversion:
     """As a run has it whose settings give a modulus that is a tenth too large."""
-    a = hertz.contact_radius(P, 1.1 * world.E, world.NU, world.R)
-    reach = a + 2 * math.sqrt(world.R * world.H) + 2 * grid.PITCH
-    return AxisymmetricInversion(
-        grid.X, grid.Y, grid.PITCH, reach, 1.1 * world.E, world.NU, edge=a, box=grid.BOX
-    )
+    E = 1.1 * world.E
+    return grid.inversion(hertz.contact_radius(P, E, world.NU, world.R), E)
 
 
 def rings_of(run, ux, sd):
@@ -161,11 +158,8 @@ def test_forces_and_moduli_a_thousandth_as_large_give_the_same_law():
     """With the noise of Q, which the modulus rests on."""
     _, rings, Q = measured(0.5, ROUGH, 3)
     known, small = inversion(0.5), 2.0**-10
-    soft = AxisymmetricInversion(
-        *(grid.X, grid.Y, grid.PITCH, known.mask_radius, small * known.E, world.NU),
-        edge=hertz.contact_radius(0.5, 1.1 * world.E, world.NU, world.R),
-        box=grid.BOX,
-    )
+    a = hertz.contact_radius(0.5, known.E, world.NU, world.R)
+    soft = grid.inversion(a, small * known.E)
     whole = fit_local_law(rings, 0.5, Q, known, Q_sd=2e-4, draws=FEW)
     part = fit_local_law(rings, 0.5 * small, Q * small, soft, Q_sd=2e-4 * small, draws=FEW)
     for name, by in (("mu", 1), ("L", 1), ("L_sd", 1), ("E", small), ("E_sd", small)):

@@ -7,7 +7,6 @@ from scipy.signal import lfilter
 
 from analysis.contact.rings import Rings
 from analysis.friction.modulus import balance_modulus
-from analysis.inversion.axisymmetric import AxisymmetricInversion
 
 E, SUPPOSED = 3.43e6, 2.9e6
 FRAMES = 60
@@ -70,17 +69,7 @@ def test_errors_that_last_over_many_frames_are_in_the_uncertainty():
 def test_inverted_displacements_give_the_modulus():
     run = world.drive(0.5, 24)
     ux, error, Q = run.measured(232e-9, 0)
-    a = run.world.a
-    invert = AxisymmetricInversion(
-        world.X,
-        world.Y,
-        world.PITCH,
-        a + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH,
-        SUPPOSED,
-        world.NU,
-        edge=a,
-        box=world.BOX,
-    )
+    invert = world.inversion(run.world.a, SUPPOSED)
     solved = [
         invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)
     ]

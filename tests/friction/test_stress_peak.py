@@ -7,7 +7,6 @@ from friction import elasto_plastic_world as world
 from analysis.contact.rings import Rings
 from analysis.friction.largest_stress import stress_peak
 from analysis.friction.stick import fit_stick_radius
-from analysis.inversion.axisymmetric import AxisymmetricInversion
 
 P, SD = 0.5, 232e-9
 A = world.hertz_radius(P)
@@ -62,13 +61,7 @@ def test_without_a_maximum_there_is_no_c(stress, words):
 @pytest.mark.slow
 def test_c_of_the_inverted_stress_is_where_the_true_one_is_largest():
     """Where the fit of Cattaneo and Mindlin's profile says a smaller one."""
-    invert = AxisymmetricInversion(
-        *(world.X, world.Y, world.PITCH, A + np.sqrt(world.R * 0.6e-6) + 2 * world.PITCH),
-        *(world.E, world.NU),
-        edge=A,
-        box=world.BOX,
-    )
-    run = world.drive(P, 24)
+    invert, run = world.inversion(A), world.drive(P, 24)
     mean, error = world.ring_noise(128, shared=True)
     typical = SD * np.sqrt(np.mean(error**2, axis=0))
 

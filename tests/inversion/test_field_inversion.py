@@ -212,12 +212,6 @@ def test_masks_and_grids_of_no_use_are_refused(mask):
         InversionProblem(mask, 1e-4, 1e6, 0.5)
 
 
-@pytest.mark.parametrize(("E", "nu"), [(0.0, 0.5), (1e6, -0.1), (1e6, 0.51)])
-def test_materials_out_of_range_are_refused(E, nu):
-    with pytest.raises(ValueError, match=r"E = |Poisson"):
-        InversionProblem(np.ones((8, 8), np.bool_), 1e-4, E, nu)
-
-
 @pytest.mark.parametrize("invert", [conjugate_gradient, van_cittert])
 def test_fields_of_no_use_are_refused(problem, clean, invert):
     with pytest.raises(ValueError, match="same grid"):

@@ -66,15 +66,12 @@ class _Response:
     front: F64
 
 
-def hertz_cells(contact: SphereContact, cells: int) -> tuple[F64, float]:
-    """Mean pressure (Pa) on each cell of a square grid that just holds the contact, shape (cells,
-    cells), and its pitch (m).
-    """
-    pitch = 2 * contact.reach / (cells - 2)
+def hertz_cells(contact: SphereContact, cells: int, pitch: float) -> F64:
+    """Mean pressure (Pa) on each cell of a square grid, shape (cells, cells)."""
     at = (np.arange(cells * SUB) - (cells * SUB - 1) / 2) * pitch / SUB
     fine = contact.pressure(np.hypot(at[:, None], at))
     p = fine.reshape(cells, SUB, cells, SUB).mean(axis=(1, 3))
-    return p * (contact.P / (p.sum() * pitch * pitch)), pitch
+    return p * (contact.P / (p.sum() * pitch * pitch))
 
 
 class GridLoading:
@@ -104,7 +101,8 @@ class GridLoading:
         cls, contact: SphereContact, cells: int = 128, *, coupled: bool = False
     ) -> GridLoading:
         """A sphere on a plane, on a square grid that just holds the contact."""
-        p, pitch = hertz_cells(contact, cells)
+        pitch = 2 * contact.reach / (cells - 2)
+        p = hertz_cells(contact, cells, pitch)
         E, nu, thickness = contact.E, contact.nu, contact.thickness
         green = SurfaceGreen(p.shape, pitch, E, nu, thickness=thickness, coupled=coupled)
         loading = cls(p, green, Interface(contact.mu, contact.L))

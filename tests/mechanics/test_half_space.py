@@ -211,6 +211,7 @@ def test_a_wide_load_on_a_thin_layer_shears_it_like_a_slab() -> None:
         ({"pitch": 0.0}, "pitch"),
         ({"pitch": (1e-4, math.nan)}, "pitch"),
         ({"E": -1.0}, "E = -1"),
+        ({"E": 0.0}, "E = 0"),
         ({"nu": 0.51}, "Poisson"),
         ({"nu": -0.01}, "Poisson"),
         ({"thickness": 1e-4}, "thick"),
