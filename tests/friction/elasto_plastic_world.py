@@ -247,9 +247,11 @@ def noise(
     return level * cells.sum(axis=(2, 3)) / side
 
 
-def inversion(a: float, modulus: float = E) -> AxisymmetricInversion:
-    """As a run has it that takes the contact for one of that radius and the block to be so soft."""
-    mask = a + 2 * np.sqrt(R * 0.6e-6) + 2 * PITCH
+def inversion(a: float, modulus: float = E, rim: float = 2.0) -> AxisymmetricInversion:
+    """As a run has it that takes the contact for one of that radius, with a rim of so many
+    sqrt(R h), and the block to be so soft.
+    """
+    mask = a + rim * np.sqrt(R * 0.6e-6) + 2 * PITCH
     return AxisymmetricInversion(X, Y, PITCH, mask, modulus, NU, edge=a, box=BOX)
 
 

@@ -69,7 +69,7 @@ def test_errors_that_last_over_many_frames_are_in_the_uncertainty():
 def test_inverted_displacements_give_the_modulus():
     run = world.drive(0.5, 24)
     ux, error, Q = run.measured(232e-9, 0)
-    invert = world.inversion(run.world.a, SUPPOSED)
+    invert = world.inversion(run.world.a, SUPPOSED, rim=1.0)
     solved = [
         invert.solve(Rings(run.radius, u, sd, run.count)) for u, sd in zip(ux, error, strict=True)
     ]

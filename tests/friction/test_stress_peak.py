@@ -61,7 +61,7 @@ def test_without_a_maximum_there_is_no_c(stress, words):
 @pytest.mark.slow
 def test_c_of_the_inverted_stress_is_where_the_true_one_is_largest():
     """Where the fit of Cattaneo and Mindlin's profile says a smaller one."""
-    invert, run = world.inversion(A), world.drive(P, 24)
+    invert, run = world.inversion(A, rim=1.0), world.drive(P, 24)
     mean, error = world.ring_noise(128, shared=True)
     typical = SD * np.sqrt(np.mean(error**2, axis=0))
 
