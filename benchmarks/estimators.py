@@ -1,24 +1,20 @@
-"""Bias, scatter, coverage and speed of the estimates of c, of the local friction law and of Young's
-modulus, on displacements whose truth is known: fields of 158 x 118 points at a pitch of 70.4 um,
-means over boxes of two pitches that share noise, force noise of 1 mN. Coverage is the share of
-estimates within one stated standard uncertainty of the truth.
+"""Bias, scatter and coverage of the estimates of the local friction law and of Young's modulus, on
+displacements whose truth is known, and the time of each estimate: fields of 158 x 118 points at a
+pitch of 70.4 um, means over boxes of two pitches that share noise, force noise of 1 mN. Coverage is
+the share of estimates within one and two stated standard uncertainties of the truth.
 
-    python -m benchmarks estimators [stick peak law speed] [--runs 40] [--loads 0.1 0.5 1.4]
+    python -m benchmarks estimators [law speed] [--runs 40] [--loads 0.1 0.5 1.4]
 
-stick  c by the live fit in Cattaneo and Mindlin's world, for c/a from 0.2 to 0.95
-peak   c by the live fit and by the maximum of the inverted traction in the elasto-plastic world,
-       against the maximum of the true traction
 law    mu, L, E and the pressure p(r), of smooth contacts and of rough ones (h = 0.6 um)
-speed  time of each estimate
+speed  time of each estimate, that of c included
 
-The truth of the elasto-plastic world is that of tests/friction/elasto_plastic_world.py and
-rough_world.py.
+The truth is that of tests/friction/elasto_plastic_world.py and rough_world.py.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache, partial
 from typing import Annotated
 
@@ -29,15 +25,12 @@ from analysis.friction.largest_stress import stress_peak
 from analysis.friction.local_law import LocalLaw, fit_local_law
 from analysis.friction.stick import fit_stick_radius
 from analysis.inversion.axisymmetric import AxisymmetricInversion
-from analysis.mechanics import cattaneo_mindlin
 from benchmarks.report import Report
 from tests.friction import elasto_plastic_world as world, rough_world
 
 SUBJECT = "Estimators of c, mu, L and E"
-SHARES = (0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95)
 NOISES = (50e-9, 232e-9)
 FRAMES = 60
-Estimate = Callable[[Rings, float], tuple[float, float]]
 
 
 @cache
@@ -46,91 +39,12 @@ def inversion(P: float) -> AxisymmetricInversion:
     return world.inversion(world.hertz_radius(P))
 
 
-def live(rings: Rings, P: float) -> tuple[float, float]:
-    """Estimate c and its uncertainty as a run does."""
-    a = world.hertz_radius(P)
-    profile = rings.radius, rings.mean, rings.standard_error
-    fit = fit_stick_radius(*profile, a, box=world.BOX, width=world.PITCH)
-    return fit.stick_radius, fit.stick_radius_sd
-
-
-def peak(rings: Rings, P: float) -> tuple[float, float]:
-    """Estimate c and its uncertainty by the maximum of the inverted traction."""
-    solved, reach = inversion(P).solve(rings), 0.1 * world.hertz_radius(P)
-    found = stress_peak(solved.radius, solved.sigma, solved.covariance, reach=reach)
-    return found.radius, found.radius_sd
-
-
 def local_law(
     run: world.Run, ux: np.ndarray, error: np.ndarray, Q: np.ndarray, P: float, **options: int
 ) -> LocalLaw:
     """Estimate mu, L, E and p(r) as a run does."""
     rings = [Rings(run.radius, u, e, run.count) for u, e in zip(ux, error, strict=True)]
     return fit_local_law(rings, P, Q, inversion(P), **options)
-
-
-def samples(clean: Rings, sd: float, shared: bool, runs: int) -> list[Rings]:
-    """Noisy versions of ring means."""
-    mean, error = world.ring_noise(128, shared=shared)
-    return [
-        Rings(clean.radius, clean.mean + sd * m, sd * e, clean.count)
-        for m, e in zip(mean[:runs], error, strict=False)
-    ]
-
-
-def tell(
-    report: Report, name: str, errors: np.ndarray, stated: np.ndarray, columns: Sequence[str]
-) -> None:
-    """Report bias and scatter of each column, and the coverage of all."""
-    for column, error in zip(columns, errors, strict=True):
-        report.add(name, f"{np.nanmean(error):+.4f} ± {np.nanstd(error):.4f}", column=column)
-    if np.isfinite(stated).any():
-        within = np.mean(np.abs(errors) < stated, where=np.isfinite(errors))
-        report.add(name, within, column="coverage", digits=2)
-
-
-def stick(report: Report, loads: Sequence[float], runs: int) -> None:
-    """Estimate c by the live fit, Cattaneo and Mindlin's world."""
-    report.table("c over a by the live fit, Cattaneo and Mindlin's world: bias ± scatter by c/a")
-    columns = [f"{share:g}" for share in SHARES]
-    for P in loads:
-        a, clean = world.hertz_radius(P), []
-        for share in SHARES:
-            Q = world.MU * P * (1 - share**3)
-            g = cattaneo_mindlin.radial_displacement(
-                world.DENSE, Q, world.MU, P, a, world.E, world.NU
-            )
-            clean.append(world.State(P, 30e-6, 0.0, a, np.zeros_like, *g).rings())
-        for sd in NOISES:
-            for shared, kind in ((False, "white"), (True, "shared by boxes")):
-                found = [[live(rings, P) for rings in samples(c, sd, shared, runs)] for c in clean]
-                values, stated = np.moveaxis(np.array(found) / a, -1, 0)
-                errors = values - np.array(SHARES)[:, None]
-                tell(report, f"{P} N, {sd * 1e9:.0f} nm, {kind}", errors, stated, columns)
-
-
-def peaks(report: Report, loads: Sequence[float], runs: int) -> None:
-    """Estimate c of the largest traction, elasto-plastic world."""
-    for P in loads:
-        a, run = world.hertz_radius(P), world.drive(P, FRAMES)
-        chosen = np.flatnonzero((run.peak > 0.25 * a) & (run.peak < 0.95 * a))[:: FRAMES // 12]
-        truth = run.peak[chosen]
-        columns = [f"{share:.2f}" for share in truth / a]
-        report.table(f"c over a of the largest traction, {P} N: bias ± scatter by c/a")
-        for sd in NOISES:
-            mean, error = world.ring_noise(128, shared=True)
-            typical = sd * np.sqrt(np.mean(error**2, axis=0))
-            for name, estimate in (("live", live), ("largest traction", peak)):
-                found = [
-                    [
-                        estimate(Rings(run.radius, run.ux[i] + sd * m, typical, run.count), P)
-                        for m in mean[:runs]
-                    ]
-                    for i in chosen
-                ]
-                values, stated = np.moveaxis(np.array(found) / a, -1, 0)
-                errors = values - truth[:, None] / a
-                tell(report, f"{name}, {sd * 1e9:.0f} nm", errors, stated, columns)
 
 
 def law(report: Report, loads: Sequence[float], runs: int) -> None:
@@ -167,10 +81,12 @@ def covered(report: Report, name: str, column: str, error: np.ndarray, stated: n
 
 def speed(report: Report, *_: object) -> None:
     """Time of each estimate at 0.5 N."""
-    P, run = 0.5, world.drive(0.5, FRAMES)
+    P, run, a = 0.5, world.drive(0.5, FRAMES), world.hertz_radius(0.5)
     ux, error, Q = run.measured(50e-9, 0)
     rings = Rings(run.radius, ux[20], error[20], run.count)
-    solved, reach = inversion(P).solve(rings), 0.1 * world.hertz_radius(P)
+    solved, reach = inversion(P).solve(rings), 0.1 * a
+    seen = rings.radius, rings.mean, rings.standard_error, a
+    live = partial(fit_stick_radius, *seen, box=world.BOX, width=world.PITCH)
     report.table("Time of an estimate")
     profile = solved.radius, solved.sigma, solved.covariance
     field = run.states[20].field() + np.random.default_rng(0).normal(0, 50e-9, world.X.shape)
@@ -183,7 +99,7 @@ def speed(report: Report, *_: object) -> None:
 
     for name, times, task in (
         ("rings, sigma and c of a frame", 300, frame),
-        ("live c", 300, partial(live, rings, P)),
+        ("live c", 300, live),
         ("maximum of the traction", 300, partial(stress_peak, *profile, reach=reach)),
         (f"local law, {FRAMES} frames", 3, partial(local_law, run, ux, error, Q, P)),
     ):
@@ -195,7 +111,7 @@ def speed(report: Report, *_: object) -> None:
         report.times(name, spent)
 
 
-PARTS = {"stick": stick, "peak": peaks, "law": law, "speed": speed}
+PARTS = {"law": law, "speed": speed}
 
 
 def measure(
