@@ -4,16 +4,14 @@ pictures of 1600 x 1200.
 
     python -m benchmarks dic_peers [--frames 5] [--peers "OpenCV LK" ...] [--python PYTHON]
 
-OpenPIV takes part if it is installed, and so do pyvale, sun-dic and al-dic
-(benchmarks/peer_programs.py), which may be in an environment of their own, whose PYTHON is given:
+pyvale, sun-dic and al-dic (benchmarks/peer_programs.py) take part if they are installed, perhaps in
+an environment of their own, whose PYTHON is given:
 
     python -m venv peers && peers/bin/pip install pyvale sun-dic al-dic psutil
 """
 
 from __future__ import annotations
 
-import contextlib
-import importlib.util
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -121,42 +119,11 @@ def match_template(reference: Picture, search: int = 2) -> Step:
     return step
 
 
-def openpiv(reference: Picture) -> Step:
-    """Window deformation in 5 passes, 64 to 20 px."""
-    from openpiv import settings, windef
-
-    options = settings.PIVSettings(
-        windowsizes=(64, 32, 20, 20, 20), overlap=(32, 16, 10, 10, 10), num_iterations=5
-    )
-    options.deformation_method, options.interpolation_order, options.sig2noise_method = (
-        "second image",
-        5,
-        None,
-    )
-    options.sig2noise_validate = options.smoothn = options.show_all_plots = False
-    options.normalized_correlation = options.use_vectorized = True
-    first = reference.astype(np.int32)
-
-    def step(image: Picture) -> Measured:
-        with contextlib.redirect_stdout(None):  # it reports every pass
-            x, y, ux, uy, _ = windef.first_pass(first, second := image.astype(np.int32), options)
-            for k in range(1, options.num_iterations):
-                ux, uy = np.ma.masked_array(ux, mask=False), np.ma.masked_array(uy, mask=False)
-                x, y, ux, uy, _, _ = windef.multipass_img_deform(
-                    first, second, k, x, y, ux, uy, options
-                )
-        return tuple(np.ma.filled(a, np.nan).ravel() for a in (x, y, ux, uy))
-
-    return step
-
-
 PEERS: dict[str, Start] = {
     "OpenCV LK": lucas_kanade,
     "OpenCV DIS": dense_flow,
     "OpenCV matchTemplate": match_template,
-} | ({"OpenPIV deformation": openpiv} if importlib.util.find_spec("openpiv") else {})
-
-
+}
 PROGRAMS = ("pyvale", "sun-dic", "al-dic")
 
 
