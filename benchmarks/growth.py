@@ -10,39 +10,34 @@ box      1200 x 1600 with boxes of 10 to 100 px, step 10
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from analysis.dic import Correlation, Grid, compile_kernels
-from benchmarks.dic import at_rest
+from benchmarks.dic import following
 from benchmarks.report import Report
-from benchmarks.speckle import ExactMotion, Pattern, camera
+from benchmarks.scores import follow
+from benchmarks.speckle import ExactMotion, Frame, Pattern, camera
 
 SUBJECT = "Growth of the time of a frame"
 SIZES = ((300, 400), (600, 800), (1200, 1600), (2048, 2448))
 STEPS = (40, 20, 10, 5, 3)
 BOXES = (10, 14, 20, 32, 48, 64, 100)
 FRAMES = 7
-Pictures = list[np.ndarray]
 
 
-def pictures_of(size: tuple[int, int]) -> Pictures:
+def frames_of(size: tuple[int, int]) -> list[Frame]:
     """A reference and pictures that have moved a little more each."""
     pattern, rng = Pattern(size), np.random.default_rng(3)
-    return [camera(pattern.grey(ExactMotion.uniform(0.04 * n)), 2, rng) for n in range(FRAMES + 1)]
+    motions = [ExactMotion.uniform(0.04 * n) for n in range(FRAMES + 1)]
+    return [Frame(camera(pattern.grey(motion), 2, rng), motion) for motion in motions]
 
 
-def milliseconds(pictures: Pictures, correlation: Correlation) -> float:
+def milliseconds(frames: list[Frame], correlation: Correlation) -> float:
     """Median time of a picture that needs one pass."""
-    tracker, spent = at_rest(correlation, pictures[0]), []
-    for picture in pictures[1:]:
-        began = time.process_time()
-        tracker.track(picture)
-        spent.append(time.process_time() - began)
-    tracker.close()
+    _, spent = follow(following(correlation), frames)
     return 1e3 * float(np.median(spent[2:]))
 
 
@@ -52,12 +47,12 @@ def measure(report: Report, *, plot: Path | None = None) -> None:
     compile_kernels()
     plain = Correlation(threads=1)
     curves: dict[str, list[tuple[float, float]]] = {"pixels": [], "points": [], "box (px)": []}
-    full: Pictures = []
+    full: list[Frame] = []
     report.table("Time of a frame")
     for size in SIZES:
-        pictures = pictures_of(size)
-        full = pictures if size == (1200, 1600) else full
-        took = milliseconds(pictures, plain)
+        frames = frames_of(size)
+        full = frames if size == (1200, 1600) else full
+        took = milliseconds(frames, plain)
         curves["pixels"].append((size[0] * size[1], took))
         per_pixel = 1e6 * took / (size[0] * size[1])
         report.row(f"{size[1]} x {size[0]}", time=(took, "ms"), per_pixel=(per_pixel, "ns"))
