@@ -1,7 +1,7 @@
 """A window in long and rough use, on the simulated bench: it opens, it is closed at random instants
-of a run, it runs one experiment after the other, and one that lasts for hours.
+of a run, and it runs one experiment after the other.
 
-    python -m benchmarks evening [--closes 50] [--runs 20] [--hours 8] [--json FILE]
+    python -m benchmarks evening [--closes 50] [--runs 20]
 
 It is in view when `slipscope run` has put it on the display, from the start of that program on.
 
@@ -11,9 +11,7 @@ with exit code 0, and leave a session that opens, or none if the run had not beg
 row are of small pictures, in one window, whose process has its memory, its open files, its threads
 and the processor time of a redraw in its main thread compared with those after the fifth, by when
 everything that is made once has been made; of the times, the medians of the first and the last five
-from then on. The long run has small pictures, one
-in four seconds, as fast as the machine; the window, the bench and the analysis are in one process,
-whose memory is compared with that after the first hour. Without a display Qt draws off the screen.
+from then on. Without a display Qt draws off the screen.
 """
 
 from __future__ import annotations
@@ -25,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,22 +43,22 @@ PACE, LATEST_S = 4.0, 9.0  # at which a run is over by then
 PATIENCE_S = 60.0
 FIRST_RUNS = 5
 OPENINGS = 5
-TRAVEL_UM = 20.0  # of the long run
-LONG = (
-    *("camera.width=320", "camera.height=240", "camera.pixel=24", "camera.divisor=4000"),
-    *("run.normal_force=0.1", "run.background_time=0", "run.settle_time=4"),
-    *("run.reference_time=12", "limits.age=10"),
-)
 MIB = 2**20
+
+
+def in_window(session: Path, made: list[Any], ready: Callable[[Any], None]) -> None:
+    """Run in a window, to which `ready` does something; `made` gets each of its runs."""
+    from app.gui.run_factory import RunFactory
+    from app.gui.start import run_window
+    from app.settings.config import load
+
+    factory, settings = RunFactory(made.append, pace=PACE), load(None, SETTINGS)
+    run_window(None, factory, settings, session=session, autostart=True, on_ready=ready)
 
 
 def one_close(seconds: float, session: Path) -> None:
     """In a program of its own: close the window of a run after so many seconds."""
     from PySide6.QtCore import QTimer
-
-    from app.gui.run_factory import RunFactory
-    from app.gui.start import run_window
-    from app.settings.config import load
 
     made: list[Any] = []
 
@@ -67,14 +66,7 @@ def one_close(seconds: float, session: Path) -> None:
         for later_s in (seconds, seconds + 0.3):
             QTimer.singleShot(round(1000 * later_s), window, window.close_after_run)
 
-    run_window(
-        None,
-        RunFactory(made.append, pace=PACE),
-        load(None, SETTINGS),
-        session=session,
-        autostart=True,
-        on_ready=ready,
-    )
+    in_window(session, made, ready)
     for one in made:
         if one.source.look().health.state != "idle":
             one.source.wait(PATIENCE_S)
@@ -161,10 +153,6 @@ def runs_in_a_row(report: Report, number: int) -> None:
     """Run so many experiments in one window."""
     from PySide6.QtCore import QTimer
 
-    from app.gui.run_factory import RunFactory
-    from app.gui.start import run_window
-    from app.settings.config import load
-
     kept: list[tuple[float, ...]] = []  # after each run: memory, files, threads, redraw
     made: list[Any] = []
     spent: list[float] = []  # of the main thread, at each redraw of the run
@@ -198,14 +186,7 @@ def runs_in_a_row(report: Report, number: int) -> None:
             timer.timeout.connect(look)
             timer.start(500)
 
-        run_window(
-            None,
-            RunFactory(made.append, pace=PACE),
-            load(None, SETTINGS),
-            session=Path(folder) / "evening.h5",
-            autostart=True,
-            on_ready=ready,
-        )
+        in_window(Path(folder) / "evening.h5", made, ready)
     memory, handles, threads, redraws = np.array(kept[FIRST_RUNS - 1 :]).T
     first, last = (float(np.median(times)) for times in (redraws[:5], redraws[-5:]))
     report.add("runs in one window", len(kept))
@@ -219,73 +200,14 @@ def runs_in_a_row(report: Report, number: int) -> None:
     report.add("its growth until the last five", 100 * (last / first - 1), "%", 3.0, digits=2)
 
 
-def long_run(report: Report, hours: float) -> None:
-    """Drive for so many hours of the bench's clock, in one window."""
-    from PySide6.QtCore import QTimer
-
-    from app.gui.run_factory import RunFactory
-    from app.gui.start import run_window
-    from app.settings.config import load
-
-    velocity = TRAVEL_UM / (3600 * hours)
-    memory: list[tuple[float, float]] = []  # hours and MiB
-    made: list[Any] = []
-    config = load(None, [*LONG, f"run.travel={TRAVEL_UM:g}", f"run.velocity={velocity:g}"])
-    with tempfile.TemporaryDirectory() as folder:
-
-        def ready(window: Any) -> None:
-            timer = QTimer(window)
-
-            def look() -> None:
-                if window.source is None:
-                    return
-                health = window.source.look().health
-                hour = health.sample / config.forces.sample_rate / 3600
-                memory.append((hour, psutil.Process().memory_info().rss / MIB))
-                print(f"{hour:.2f} h: {memory[-1][1]:.1f} MiB", file=sys.stderr, flush=True)
-                if window.outcome() is not None:
-                    timer.stop()
-                    window.close()
-
-            timer.timeout.connect(look)
-            timer.start(2000)
-
-        run_window(
-            None,
-            RunFactory(made.append, pace=None),
-            config,
-            session=Path(folder) / "long.h5",
-            autostart=True,
-            on_ready=ready,
-        )
-    (*drive, (_, concluded)) = memory
-    hour, mib = np.array(drive).T
-    late = hour > min(1.0, hours / 8)
-    counts = made[0].source.look().outcome.counts
-    report.add("hours in one run", hour[-1], "h", digits=3)
-    report.add("images of it", counts.frames_recorded)
-    report.add("memory after the first hour", mib[late][0], "MiB", digits=4)
-    report.add("its growth until the end", 100 * (mib[late][-1] / mib[late][0] - 1), "%", 3.0)
-    report.add("its largest growth", 100 * (mib[late].max() / mib[late][0] - 1), "%")
-    report.add("memory when the run has been concluded", concluded, "MiB", digits=4)
-
-
-def measure(
-    report: Report,
-    *,
-    closes: int = 50,
-    runs: int = 20,
-    hours: float = 8.0,
-) -> int:
-    """Open and close windows, then run one experiment after the other, then a long one."""
+def measure(report: Report, *, closes: int = 50, runs: int = 20) -> int:
+    """Open and close windows, then run one experiment after the other."""
     if "DISPLAY" not in os.environ:
         os.environ.setdefault("QT_QPA_PLATFORM", "offscreen")
     in_view(report)
     are_well = many_closes(report, closes) if closes else True
     if runs > FIRST_RUNS:
         runs_in_a_row(report, runs)
-    if hours:
-        long_run(report, hours)
     return 0 if are_well else 1
 
 
