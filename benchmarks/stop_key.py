@@ -21,20 +21,20 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PySide6.QtCore import QTimer
 
-from app.gui.start import run_window
 from app.processes.client import LaunchedRun
 from app.processes.launch import attached
 from app.processes.signals import acting_on_signals
 from app.settings import config
 from benchmarks.outside_stage import OutsideStage
 from benchmarks.report import Report
-from benchmarks.simulated import account
+from benchmarks.simulated import account, in_window
 
 SUBJECT = "Stop from the keyboard"
 SETTINGS = ["camera.divisor=42", "run.travel=2000", "limits.travel=5000"]
@@ -74,18 +74,16 @@ class Presses:
         )
 
 
-def work(
-    presses: Presses, window: Any, number: int, blocked: bool, is_over: threading.Event
-) -> None:
+def work(presses: Presses, window: Any, block: Blocking | None, number: int) -> None:
     """Wait for the drive, then press."""
     run = presses.run
     while run.look().health.phase != "drive":
         time.sleep(0.1)
     time.sleep(3.0)
-    if blocked:
+    if block:
         other = attached(run.bench.name)
         while len(presses.waits.get("stop from another process", ())) < number:
-            window.block.emit()
+            block.asked.set()
             time.sleep(0.3)
             presses.repeat("SIGINT", lambda: os.kill(os.getpid(), signal.SIGINT), 8)
             presses.repeat("stop from another process", other.stop_motion, 8)
@@ -104,7 +102,6 @@ def work(
         keyboard.stdin.close()
     run.request_stop("measured")
     run.wait()
-    is_over.set()
 
 
 def measure(report: Report, presses: int = 100, *, blocked: bool = False) -> int:
@@ -119,18 +116,14 @@ def measure(report: Report, presses: int = 100, *, blocked: bool = False) -> int
             overwrite=False,
             module="benchmarks.kept_bench",
         )
-        made, is_over = Presses(run, stage), threading.Event()
+        made = Presses(run, stage)
 
-        def ready(window: Any) -> None:
-            window.block = Blocking(window)
-            given = (made, window, presses, blocked, is_over)
-            threading.Thread(target=work, args=given, daemon=True).start()
+        def ready(window: Any) -> Callable[[], object]:
+            return partial(work, made, window, Blocking(window) if blocked else None, presses)
 
         with acting_on_signals(run.request_stop):
-            run_window(run, autostart=True, on_ready=ready, close_when=is_over.is_set)
+            outcome = in_window(run, ready)
     stage.end()
-    outcome = run.wait()
-    assert outcome is not None
     for name in made.waits:
         made.tell(report, name, 40.0 if blocked else 50.0)
     account(report, outcome)
@@ -141,16 +134,12 @@ class Blocking:
     """Blocks the window's thread for ten seconds, once each time that it is asked."""
 
     def __init__(self, window: Any) -> None:
-        self._asked = threading.Event()
+        self.asked = threading.Event()  # may be set by any thread
         self._timer = QTimer(window)
         self._timer.timeout.connect(self._look)
         self._timer.start(50)
 
-    def emit(self) -> None:
-        """Ask for it, from any thread."""
-        self._asked.set()
-
     def _look(self) -> None:
-        if self._asked.is_set():
-            self._asked.clear()
+        if self.asked.is_set():
+            self.asked.clear()
             time.sleep(BLOCKED_S)

@@ -14,8 +14,8 @@ its samples came soonest.
 from __future__ import annotations
 
 import tempfile
-import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,12 +24,12 @@ from PySide6.QtCore import QObject, QTimer
 
 from app.gui.image_view import InterfaceView
 from app.gui.plots.picture import PicturePlot
-from app.gui.start import run_window
 from app.processes.client import LaunchedRun
 from app.records.record_types import Phase
 from app.records.run_view import RunView
 from app.settings import config
 from benchmarks.report import Report
+from benchmarks.simulated import in_window
 
 SUBJECT = "Cost of the window"
 SETTINGS = ("camera.divisor=42",)
@@ -117,7 +117,6 @@ class Probe(QObject):
 def measure(report: Report, *, seconds: float = 30.0) -> int:
     """Run in a window."""
     probes: list[Probe] = []
-    is_over = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
         costs_s = min(seconds / 2, MOST_COSTS_S)
         travel = min(5 * seconds, TRAVEL_UM)
@@ -125,19 +124,11 @@ def measure(report: Report, *, seconds: float = 30.0) -> int:
         settings = config.load(None, [*SETTINGS, *drive])
         run = Watched(settings, Path(folder) / "a.h5", pace=1.0, overwrite=False)
 
-        def watch() -> None:
-            run.wait()
-            is_over.set()
+        def ready(window: Any) -> Callable[[], object]:
+            probes.append(Probe(window, run, costs_s))
+            return run.wait
 
-        threading.Thread(target=watch, daemon=True).start()
-        run_window(
-            run,
-            autostart=True,
-            on_ready=lambda window: probes.append(Probe(window, run, costs_s)),
-            close_when=is_over.is_set,
-        )
-        outcome = run.wait()
-    assert outcome is not None
+        outcome = in_window(run, ready)
     (probe,) = probes
     assert probe.began is not None, outcome.reason
     redraws, wall, main, process = np.subtract(probe.ended, probe.began)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import logging
 import math
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -121,7 +120,6 @@ def methods_of(run: Run, folder: Path, number: int) -> Methods:
         "pause": run.pause,
         "cancel_pause": run.cancel_pause,
         "look": look,
-        "threads": lambda: {t.native_id: t.name for t in threading.enumerate()},
     }
 
 
