@@ -72,26 +72,25 @@ class Drive:
         self.renderer, self.at_rest = Renderer(world.scenario), world.now
         world.move(300e-6, 5e-6)
         self.line = pipeline.Pipeline(settings)
-        self.step(0, 0, Phase.BACKGROUND)
+        self.line.step(*self.frame(0, 0, Phase.BACKGROUND))
+        first = self.frame(1, self.at_rest, Phase.REFERENCE)
         began = time.perf_counter()
-        self.step(1, self.at_rest, Phase.REFERENCE)
+        self.line.step(*first)
         self.reference_s = time.perf_counter() - began
 
-    def step(self, frame: int, sample: int, phase: Phase) -> None:
-        """Analyse the picture that shows the world at a sample."""
+    def frame(
+        self, frame: int, sample: int, phase: Phase = Phase.DRIVE
+    ) -> tuple[int, int, np.ndarray, Conditions]:
+        """What the pipeline gets of the picture that shows the world at a sample."""
         state = self.world.state(sample)
-        self.line.step(
-            frame,
-            sample,
-            self.renderer.image(state, frame),
-            Conditions(
-                phase=phase,
-                time_s=(sample - self.at_rest) / self.world.scenario.forces.sample_rate,
-                normal_force_n=state.normal_force_n,
-                shear_force_n=state.shear_force_n,
-                travel_m=state.stage_m,
-            ),
+        now = Conditions(
+            phase=phase,
+            time_s=(sample - self.at_rest) / self.world.scenario.forces.sample_rate,
+            normal_force_n=state.normal_force_n,
+            shear_force_n=state.shear_force_n,
+            travel_m=state.stage_m,
         )
+        return frame, sample, self.renderer.image(state, frame), now
 
 
 def measure(report: Report, *, frames: int = 60, set_: Sequence[str] = ()) -> None:
@@ -103,7 +102,7 @@ def measure(report: Report, *, frames: int = 60, set_: Sequence[str] = ()) -> No
     drive.line.step = timed("whole frame", drive.line.step, spent)
     for n in range(frames):
         drive.world.advance(DIVISOR * 10)  # every tenth frame, so that they cover a whole drive
-        drive.step(2 + n, drive.world.now, Phase.DRIVE)
+        drive.line.step(*drive.frame(2 + n, drive.world.now))
     drive.line.close()
     for name, times in sorted(spent.items(), key=lambda item: -np.median(item[1])):
         wall, cpu = 1e3 * np.median(times, axis=0)
