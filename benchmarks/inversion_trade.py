@@ -3,9 +3,9 @@ the whole field, of Q and of c, the worst of Q/(mu P) = 0.3, 0.6 and 0.9, for gr
 (P = 0.5 N, boxes of 20 px, noise of 0.0057 px). "live field" is what a run does for each frame:
 five iterations from the result of the frame before. Processor time on one core.
 
-    python -m benchmarks inversion_trade [--quick] [--results FILE.json] [--picture FILE.png]
+    python -m benchmarks inversion_trade
 
-Run with OMP_NUM_THREADS=1. What an interrupted run left in FILE.json is continued.
+Run with OMP_NUM_THREADS=1.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ import math
 import time
 from collections.abc import Callable
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,13 +41,12 @@ COLUMNS = {
 }
 CONTACT = SphereContact(P=0.5, E=3.43e6, nu=0.5, R=128.8e-3, mu=0.93, L=0.8e-6)
 SHARES = 0.3, 0.6, 0.9  # of mu P
-PIXEL_M, SIZE, BOX_PX = 7.04e-6, (1200, 1600), 20
+PIXEL_M, SIZE, BOX_PX, NOISE_PX = 7.04e-6, (1200, 1600), 20, 0.0057
 RIM, EDGE = 1.15, 0.12  # of a: the mask, and half the cubic through the largest traction
 STEPS_PX = 5, 10, 20, 40
 SUBPOINTS = 6  # of a box, across and down, over which the exact u_x is averaged
 BEFORE, APART = 4, 0.02  # earlier frames of a run, and how much of mu P they are apart
 METHODS = ("axisymmetric", "live field", "cgls", "van-cittert", "regularised")
-SLOW = "van-cittert", "regularised"
 
 
 @cache
@@ -60,8 +58,8 @@ def loaded(share: float) -> LoadingState:
 class Field:
     """Exact displacements on a grid of one step, with noise as boxes that overlap share it."""
 
-    def __init__(self, step_px: int, noise_px: float) -> None:
-        self.pitch, self._noise = step_px * PIXEL_M, noise_px * PIXEL_M
+    def __init__(self, step_px: int) -> None:
+        self.pitch = step_px * PIXEL_M
         ny, nx = (round((size - BOX_PX) / step_px) for size in SIZE)
         self.x, self.y = np.meshgrid(*(self.pitch * (np.arange(n) - (n - 1) / 2) for n in (nx, ny)))
         self.radius = np.hypot(self.x, self.y)
@@ -87,7 +85,7 @@ class Field:
         k, (ny, nx) = self._side, u.shape
         white = np.random.default_rng(seed).normal(size=(ny + k - 1, nx + k - 1))
         windows = np.lib.stride_tricks.sliding_window_view(white, (k, k))
-        return np.asarray(u + self._noise * windows.sum(axis=(2, 3)) / k)
+        return np.asarray(u + NOISE_PX * PIXEL_M * windows.sum(axis=(2, 3)) / k)
 
     @cached_property
     def problem(self) -> InversionProblem:
@@ -100,14 +98,13 @@ class Field:
 class Inverting:
     """Measures inversions."""
 
-    def __init__(self, noise_px: float, seeds: int) -> None:
-        self._noise, self._seeds, self._fields = noise_px, seeds, dict[int, Field]()
+    def __init__(self, seeds: int) -> None:
+        self._seeds, self._fields = seeds, dict[int, Field]()
 
     def measure(self, variant: Variant) -> Figures:
         """The figures of a variant: medians over the noise, of the worst load."""
-        field = self._fields.setdefault(
-            (step := variant.settings["step"]), Field(step, self._noise)
-        )
+        step = variant.settings["step"]
+        field = self._fields.setdefault(step, Field(step))
         solve = self._solver(variant.settings["method"], field)
         worst = np.zeros(len(COLUMNS))
         for share in SHARES:
@@ -123,7 +120,7 @@ class Inverting:
     def _solver(
         self, method: str, field: Field
     ) -> Callable[[list[np.ndarray], LoadingState], list[float]]:
-        box, noise = BOX_PX * PIXEL_M, self._noise * PIXEL_M
+        box, noise = BOX_PX * PIXEL_M, NOISE_PX * PIXEL_M
         place = (field.x, field.y)
         known = {"edge": CONTACT.a, "box": box}
         mask = RIM * CONTACT.a + 2 * field.pitch
@@ -182,28 +179,18 @@ def _errors(field: Field, sigma: np.ndarray, found: Any, state: LoadingState) ->
     ]
 
 
-def study(quick: bool = False, noise_px: float = 0.0057) -> Study:
+def study(seeds: int = 3) -> Study:
     """The study of all inversions, on grids of several steps."""
-    steps = STEPS_PX[1:3] if quick else STEPS_PX
     variants = tuple(
         Variant(f"{method}, step {step}", method, {"method": method, "step": step}, step**-2.0)
         for method in METHODS
-        for step in steps
-        if not (quick and method in SLOW and step < 20)
+        for step in STEPS_PX
     )
-    seeds = 1 if quick else 3
-    about = {"noise_px": noise_px, "box_px": BOX_PX, "seeds": seeds}
+    about = {"noise_px": NOISE_PX, "box_px": BOX_PX, "seeds": seeds}
     errors = "sigma_percent", "force_percent", "stick_percent"
-    measure = Inverting(noise_px, seeds).measure
-    return Study("inversion", about, COLUMNS, "cpu_ms", errors, variants, measure)
+    return Study("inversion", about, COLUMNS, "cpu_ms", errors, variants, Inverting(seeds).measure)
 
 
-def measure(
-    report: Report,
-    *,
-    quick: bool = False,
-    results: Path | None = None,
-    picture: Path | None = None,
-) -> None:
+def measure(report: Report) -> None:
     """Measure all methods on all grids."""
-    report_study(report, study(quick), results, picture)
+    report_study(report, study())

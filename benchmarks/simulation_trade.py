@@ -1,21 +1,18 @@
 """What the simulated bench costs, and how far it is from the exact solution: the mechanics of the
 elasto-plastic contact, against both components of the traction on a grid of 512 x 512 cells (P =
-0.5 N, mu = 0.93, L = 0.8 um, up to 0.9 a), and its pictures of 1600 x 1200, against analytic blobs.
-The axisymmetric solutions, and those of one component, leave out what varies with the angle: that
-is what is left of their errors with many modes or cells.
+0.5 N, mu = 0.93, L = 0.8 um, up to 0.9 a). The axisymmetric solutions, and those of one component,
+leave out what varies with the angle: that is what is left of their errors with many modes or cells.
 
-    python -m benchmarks simulation_trade [--quick] [--results FILE.json] [--picture FILE.png]
+    python -m benchmarks simulation_trade
 
-Run with OMP_NUM_THREADS=1. What an interrupted run left in FILE.json is continued.
+Run with OMP_NUM_THREADS=1. `benchmarks render` does the same for the pictures.
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,12 +21,8 @@ from scipy import ndimage
 from analysis.mechanics.loading import AxisymmetricLoading, LoadingState
 from app.tradeoff.study import Figures, Study, Variant
 from benchmarks.inversion_trade import CONTACT, PIXEL_M
-from benchmarks.render import apparent_shift_px, states
 from benchmarks.report import Report
 from benchmarks.trade import report_study
-from drivers.sim.images import Renderer
-from drivers.sim.scenario import Scenario
-from drivers.sim.settings import SimSettings
 from tests.mechanics.loading_grid import GridLoading, GridState
 
 SUBJECT = "Simulation: speed against accuracy"
@@ -39,7 +32,6 @@ COLUMNS = {
     "displacement_px": "error of u_x (px)",
     "force_percent": "error of Q (%)",
     "traction_percent": "error of sigma (% of mu p0)",
-    "picture_px": "error of the picture (px)",
     "cpu_ms": "CPU (ms)",
 }
 SHIFTS = 0.1, 0.3, 0.6, 0.9, 1.0, 1.2  # of the block, over that of full sliding for L = 0
@@ -72,7 +64,7 @@ def _on_grid(state: GridState, cells: int) -> Sampled:
 
 
 class Simulating:
-    """Measures the parts of the simulation, against both components of the traction on a grid of
+    """Measures solvers, against both components of the traction on a grid of
     `finest` cells.
     """
 
@@ -82,8 +74,6 @@ class Simulating:
     def measure(self, variant: Variant) -> Figures:
         """The figures of a variant, in the order of `COLUMNS`."""
         given = variant.settings
-        if "renderer" in given:
-            return self._pictures(given["renderer"])
         if "modes" in given:
             return self._solver(AxisymmetricLoading(CONTACT, given["modes"]), _round)
         cells, coupled = given["cells"], given["components"] == 2
@@ -104,25 +94,7 @@ class Simulating:
             errors = np.fmax(errors, away)
         peak = CONTACT.mu * CONTACT.peak_pressure
         values = errors / (PIXEL_M, 1e-2, peak / 100)
-        return dict(zip(COLUMNS, [*values.tolist(), math.nan, spent], strict=True))
-
-    def _pictures(self, name: str) -> Figures:
-        renderer = Renderer(Scenario(sim=SimSettings(renderer=name)))
-        squares, spent = [], []
-        moments = list(states().values())
-        for state in moments:
-            if name != "exact":
-                found = renderer.grey(state, exact=False)
-                shift = apparent_shift_px(renderer.grey(state, exact=True), found)
-                squares.append(float(np.mean(shift**2)))
-        for _ in range(3):
-            for state in moments:  # another one each time: what has not moved is not drawn again
-                began = time.process_time()
-                renderer.image(state, 0)
-                spent.append(time.process_time() - began)
-        error = math.sqrt(np.mean(squares)) if squares else 0.0
-        cpu = 1e3 * float(np.median(spent))
-        return dict(zip(COLUMNS, (*3 * (math.nan,), error, cpu), strict=True))
+        return dict(zip(COLUMNS, [*values.tolist(), spent], strict=True))
 
 
 def _timed(solve: Callable[[float], Any]) -> tuple[list[Any], float]:
@@ -136,8 +108,8 @@ def _timed(solve: Callable[[float], Any]) -> tuple[list[Any], float]:
     return solved, 1e3 * float(np.median(spent))
 
 
-def study(quick: bool = False) -> Study:
-    """The study of solvers and renderers."""
+def study() -> Study:
+    """The study of the solvers."""
     variants = [Variant(f"modes {n}", "axisymmetric", {"modes": n}) for n in MODES]
     variants += [
         Variant(
@@ -148,25 +120,13 @@ def study(quick: bool = False) -> Study:
         )
         for components in (1, 2)
         for n in CELLS
-        if not (quick and n > 64)
     ]
-    variants += [
-        Variant(f"renderer {name}", "renderer", {"renderer": name}, 5.0)
-        for name in ("fast", "exact")
-    ]
-    finest = FINEST // (2 if quick else 1)
-    about = {"pixel_um": 1e6 * PIXEL_M, "exact": f"both components, {finest} cells across"}
+    about = {"pixel_um": 1e6 * PIXEL_M, "exact": f"both components, {FINEST} cells across"}
     errors = "displacement_px", "force_percent", "traction_percent"
-    measure = Simulating(finest).measure
+    measure = Simulating(FINEST).measure
     return Study("simulation", about, COLUMNS, "cpu_ms", errors, tuple(variants), measure)
 
 
-def measure(
-    report: Report,
-    *,
-    quick: bool = False,
-    results: Path | None = None,
-    picture: Path | None = None,
-) -> None:
-    """Measure solvers and renderers."""
-    report_study(report, study(quick), results, picture)
+def measure(report: Report) -> None:
+    """Measure the solvers."""
+    report_study(report, study())

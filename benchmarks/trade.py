@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from app.tradeoff.drawing import draw
 from app.tradeoff.study import Study, front, run
 from benchmarks.report import Report
 
 
-def report_study(
-    report: Report, study: Study, results: Path | None = None, picture: Path | None = None
-) -> None:
-    """Measure all variants, report those figures that could be determined, and draw; `results` is a
-    file from which an interrupted study goes on.
-    """
-    found = run(study, results, True, lambda text, share: print(f"{share:4.0%} {text}", flush=True))
+def report_study(report: Report, study: Study) -> None:
+    """Measure all variants, and report those figures that could be determined."""
+    found = run(study, None, True, lambda text, share: print(f"{share:4.0%} {text}", flush=True))
     best = front(found, (study.cost, *study.errors))
     about = "; ".join(f"{key.replace('_', ' ')}: {value}" for key, value in study.about.items())
     report.table(f"{about}; no other variant is better than those with a star")
@@ -25,5 +18,3 @@ def report_study(
             if figures[key] == figures[key]:
                 star = " *" if name in best else ""
                 report.add(name + star, figures[key], unit, column=column)
-    if picture is not None:
-        draw(study, found, picture)
