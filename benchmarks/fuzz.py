@@ -22,7 +22,6 @@ import tempfile
 import threading
 import time
 import traceback
-from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -262,14 +261,4 @@ def measure(
     report.add("failures", len(failures), at_most=0)
     report.add("slowest case", max(case.seconds for case in done), "s", at_most=longest)
     report.add("largest memory", max(case.peak for case in done) >> 20, "MiB", at_most=1024)
-    report.table("Seconds by kind")
-    by_kind: dict[str, list[float]] = {}
-    for case in done:
-        by_kind.setdefault(case.kind.partition(",")[0], []).append(case.seconds)
-    for kind, seconds in sorted(by_kind.items()):
-        report.row(kind, mean=(sum(seconds) / len(seconds), "s"), longest=(max(seconds), "s"))
-    report.table("Cases by kind")
-    kinds = Counter((case.kind.partition(",")[0], case.outcome) for case in done)
-    for (kind, outcome), number in sorted(kinds.items()):
-        report.add(kind, number, column=outcome)
     return int(bool(failures))

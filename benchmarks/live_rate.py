@@ -1,22 +1,16 @@
 """How fast the live chain is on a recorded camera, headless: a recorded experiment is played at its
 own rate, recorded again and analysed live, in the processes of `slipscope run`.
 
-    python -m benchmarks live_rate [--seconds 20] [--burners 0] [--set key=value]...
+    python -m benchmarks live_rate [--seconds 20]
 
 1600 x 1200, 62.5/s   with step 10 on all cores of the machine
 2448 x 2048, 24.4/s   5 megapixels, step 10
---burners N           so many processes that use all the processor they get, for the same rates and
-                      with dic.quality = "auto"
 """
 
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -32,28 +26,13 @@ SUBJECT = "Rate of the live chain"
 SIZES = {"1600 x 1200, 62.5/s": (1600, 1200, 16), "2448 x 2048, 24.4/s": (2448, 2048, 41)}
 
 
-@contextmanager
-def burning(n: int) -> Iterator[None]:
-    """So many other processes that use the processor."""
-    command = [sys.executable, "-c", "while True: pass"]
-    others = [subprocess.Popen(command) for _ in range(n)]
-    try:
-        yield
-    finally:
-        for other in others:
-            other.kill()
-            other.wait()
-
-
 def camera_of(width: int, height: int, divisor: int) -> list[str]:
     """Settings of a camera that can do that."""
     numbers = {"width": width, "height": height, "divisor": divisor, "max_rate": 100, "exposure": 5}
     return [f"camera.{name}={value}" for name, value in numbers.items()]
 
 
-def measure(
-    report: Report, *, seconds: float = 20.0, burners: int = 0, set_: Sequence[str] = ()
-) -> None:
+def measure(report: Report, *, seconds: float = 20.0) -> None:
     """Play each size at its rate."""
     for name, (width, height, divisor) in SIZES.items():
         both = [*camera_of(width, height, divisor), f"run.travel={5 * seconds:g}"]
@@ -62,21 +41,18 @@ def measure(
             quick = experiment(source, [*both, "recording.results=forces"], pace=None).outcome()
             assert quick.state == "done", quick.reason
             sources = [f"{table}.source=replay" for table in ("forces", "camera", "actuator")]
-            if burners:
-                sources.append("dic.quality=auto")
-            played = [*both, *sources, f"replay.session='{source.as_posix()}'", *set_]
-            with burning(burners):
-                run = LaunchedRun(config.load(None, played), output, pace=1.0, overwrite=False)
-                run.start()
-                outcome = run.wait()
+            played = [*both, *sources, f"replay.session='{source.as_posix()}'"]
+            run = LaunchedRun(config.load(None, played), output, pace=1.0, overwrite=False)
+            run.start()
+            outcome = run.wait()
             assert outcome is not None
-            report.table(f"{name}, {os.cpu_count()} cores, {burners} burners")
+            report.table(f"{name}, {os.cpu_count()} cores")
             account(report, outcome, {"frames lost": 0, "frames not analysed live": 0})
             report_frames(report, output, 1000 / divisor)
 
 
 def report_frames(report: Report, path: Path, rate: float) -> None:
-    """How late the results of a session were, and what was left out."""
+    """How late the results of a session were."""
     with SessionReader(path) as session:
         results = session.results()
     at_rest = results[results["phase"] == str(Phase.REFERENCE)]
@@ -87,7 +63,3 @@ def report_frames(report: Report, path: Path, rate: float) -> None:
     report.add("from its arrival to its result, median", 1e3 * np.median(late), "ms")
     report.add("from its arrival to its result, 99 %", 1e3 * np.percentile(late, 99), "ms", 250)
     report.add("from its arrival to its result, longest", 1e3 * late.max(), "ms")
-    for step in range(1, 5):
-        share = 100 * np.mean(driven["shed"] == step)
-        if share:
-            report.add(f"frames of which {step} steps were left out", share, "%")

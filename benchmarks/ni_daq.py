@@ -7,14 +7,13 @@ kHz in blocks of 50 in real time; the share of a core is that of all of them tog
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable
+
+import numpy as np
 
 from benchmarks.report import Report
 from drivers.clock import SampleClock
 from drivers.emulators.ni import EmulatedNiForces
-from drivers.errors import DeviceError
 from drivers.protocols import TriggerTrain
 from drivers.settings import CameraSettings, ForceSettings
 from drivers.sim.scenario import Scenario
@@ -35,11 +34,11 @@ def opened(counter: str) -> EmulatedNiForces:
     return forces
 
 
-def share_of_a_core(seconds: float, work: Callable[[], object]) -> float:
-    """Processor time over wall time, in %, while `work` is repeated."""
+def share_of_a_core(seconds: float, forces: EmulatedNiForces) -> float:
+    """Processor time over wall time, in %, while the samples are read."""
     wall, used = time.monotonic(), time.process_time()
     while time.monotonic() - wall < seconds:
-        work()
+        forces.read(1.0)
     return 100 * (time.process_time() - used) / (time.monotonic() - wall)
 
 
@@ -55,33 +54,14 @@ def read_times(forces: EmulatedNiForces) -> list[float]:
     return times
 
 
-def seconds_until_error(forces: EmulatedNiForces) -> float:
-    """From the start of a waiting read, during which the server dies, to its error."""
-    assert forces.server is not None
-    threading.Timer(0.22, forces.server.kill).start()
-    try:
-        while True:
-            began = time.monotonic()
-            forces.read(10.0)
-    except DeviceError:
-        return time.monotonic() - began
-
-
 def measure(report: Report, seconds: float = 10.0) -> None:
-    """Measure without and with a counter of exposures, then the board and the world alone."""
+    """Measure without and with a counter of exposures."""
     for counter, name in (("", "two sensors"), ("ctr1", "two sensors and the exposure counter")):
         forces = opened(counter)
-        share = share_of_a_core(seconds, lambda forces=forces: forces.read(1.0))
-        times = sorted(read_times(forces))
+        share = share_of_a_core(seconds, forces)
         report.row(
             name,
             share_of_a_core=(share, "%"),
-            read_of_50_samples=(1e3 * times[READS // 2], "ms"),
-            longest_read=(1e3 * times[-1], "ms"),
-            error_on_a_dead_server=(1e3 * seconds_until_error(forces), "ms"),
+            read_of_50_samples=(1e3 * np.median(read_times(forces)), "ms"),
         )
         forces.close()
-    forces = opened("")
-    share = share_of_a_core(seconds, lambda: time.sleep(seconds))
-    report.row("board and world alone, without a reader", share_of_a_core=(share, "%"))
-    forces.close()

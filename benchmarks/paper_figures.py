@@ -28,15 +28,8 @@ WIDTH, MOST_S = 700, 40.0
 
 
 def measure(report: Report, results: Path, *, plot: Path | None = None) -> None:
-    """Time of the whole folder, and of the figure that takes longest."""
+    """Time of the whole folder."""
     found = read_results(results)
-    spent = {}
-    for name in FIGURES:
-        began = time.process_time()
-        figure = draw(name, found).figure
-        for kind in FORMATS:
-            picture(figure, kind)
-        spent[name] = time.process_time() - began
     with tempfile.TemporaryDirectory() as folder:
         began = time.process_time()
         write(found, Path(folder), list(FIGURES), FORMATS, lambda *_: None)
@@ -44,7 +37,6 @@ def measure(report: Report, results: Path, *, plot: Path | None = None) -> None:
         size = sum(path.stat().st_size for path in Path(folder).iterdir())
     report.add("figures", len(FIGURES), "")
     report.add("processor time of everything", whole, "s", MOST_S)
-    report.add("processor time of the dearest figure", max(spent.values()), "s")
     report.add("written", size * 1e-6, "MB")
     if plot:
         _compose(found).save(plot, optimize=True)
