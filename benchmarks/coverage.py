@@ -3,7 +3,7 @@ whose constants differ from the settings by draws from the uncertainties of the 
 rough, concluded as a run is. Boxes share noise, and all frames that of the reference.
 
     python -m benchmarks coverage [--seeds 60] [--loads 0.1 0.3 0.5 1.0 1.4] [--noise 45]
-        [--exact] [--slow 1] [--step 20]
+        [--exact] [--step 20]
 
 within 1, within 2   share of the runs in which the truth lies within one and two standard
                      uncertainties (noise and inputs together); 68 and 95 % of a normal distribution
@@ -11,11 +11,9 @@ bias, rms            of the error, in % of the truth
 stated               median of the stated standard uncertainty, in %
 
 With --exact the constants are those of the settings, so that only noise and the estimators' own
-errors are left; the uncertainty is then that by noise alone. With --slow each frame is moved as a
-whole by errors of which four fifths last to the next one, as under a lamp that flickers slowly;
-their standard deviation is that many times the noise of u_x at the centre. --step is the pitch of
-the boxes in pixels, if it is not that of the settings. c, D and sigma are those of the frame at
-half of the greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
+errors are left; the uncertainty is then that by noise alone. --step is the pitch of the boxes in
+pixels, if it is not that of the settings. c, D and sigma are those of the frame at half of the
+greatest Q, of the last one and of sliding at r/a of 0, 0.5 and 0.9.
 """
 
 from __future__ import annotations
@@ -45,18 +43,17 @@ from app.records.record_types import (
     Snapshot,
 )
 from app.settings.sections import Config
+from benchmarks.onset import MU, L, onset_of
 from benchmarks.report import Report
 
 SUBJECT = "Coverage of the stated uncertainties"
 MEASURES = ("analysis", "app.evaluation", "drivers.sim")
-MU, L = 0.93, 0.8e-6
 RATE, SPEED = 4.0, 4.85e-6  # frames per second, m/s
 BEYOND, LEAST_S = 1.45, 6.0  # of the way to sliding, and seconds further
 FORCE_NOISE = 0.3e-3  # newtons, of a mean over an exposure
 SAMPLE_HZ, SAMPLE_NOISE = 1000.0, 1e-3
 PLACES = (0.0, 0.5, 0.9)  # of sigma(r), in a
 GAUSS, NODE = 3, 2e-6  # points of the quadrature over a box, and distance of nodes in r, metres
-LASTS = 0.8  # share of a slow error that is there in the next frame, too
 
 
 class Drawn(NamedTuple):
@@ -107,10 +104,8 @@ class World:
         self.holder = s.lens_compliance * truth.lens_compliance
         compliance = self.holder + 1 / config.forces.stiffness_shear
         loading = AxisymmetricLoading(self.contact)
-        end = loading.at_force(self.contact.limit * (1 - 1e-9))
-        # where the line of steady sliding begins
-        onset = float(end.displacement(0.0)[0]) + compliance * self.contact.limit
-        self.onset_s = onset / SPEED
+        onset_m, self.static_force = onset_of(loading, compliance)
+        self.onset_s = onset_m / SPEED
         last = max(BEYOND * self.onset_s, self.onset_s + LEAST_S)
         step, near = 1 / RATE, np.arange(self.onset_s - 1, self.onset_s + 1, 0.5 / RATE)
         self.time = np.unique(np.round(np.append(np.arange(step, last, step), near), 9))
@@ -118,12 +113,8 @@ class World:
         for stage in (SPEED * self.time).tolist():
             before = self.states[-1] if self.states else loading.rest
             self.states.append(loading.advance(before, stage, compliance=compliance))
-        at_onset = loading.driven(onset, compliance)
-        self.static_force = at_onset.Q
 
-    def snapshots(
-        self, rng: np.random.Generator, noise_m: float, slow: float = 0.0
-    ) -> list[Snapshot]:
+    def snapshots(self, rng: np.random.Generator, noise_m: float) -> list[Snapshot]:
         """What a run would measure in each frame."""
         config, truth = self.config, self.truth
         grid, pixel = grid_of(config), config.camera.pixel
@@ -136,7 +127,7 @@ class World:
         inner, box = CENTRE_SHARE * hertz_m, config.dic.averaging_box_px * pixel
         near = r < 1.2 * inner
         seen = _SeenByBoxes(*(v * truth.pixel for v in (x, y, box * truth.averaging)))
-        reference, shots, common = _noise(rng, x.shape), [], 0.0
+        reference, shots = _noise(rng, x.shape), []
         for i, (t, state) in enumerate(zip(self.time, self.states, strict=True)):
             field = noise_m * (_noise(rng, x.shape) + reference) / math.sqrt(2)
             P, Q = self._read(state.Q)
@@ -149,10 +140,6 @@ class World:
             field += moved - seen.displacement(state) / truth.pixel
             rings = ring_means(r, field, width, whole, theta=theta)
             value, sd = central_value(r[near], theta[near], field[near], inner, box=box, shared=4.0)
-            if slow:
-                common = LASTS * common + math.sqrt(1 - LASTS**2) * rng.standard_normal()
-                value += slow * sd * common
-                rings = replace(rings, mean=rings.mean + slow * sd * common)
             traction, stress = tractions.of(rings)
             P += FORCE_NOISE * rng.standard_normal()
             shots.append(
@@ -212,9 +199,9 @@ def _noise(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 Scores = dict[str, tuple[float, float, float]]  # measured, stated uncertainty, truth
 
 
-def scores(case: tuple[float, bool, int, float, bool, float, int]) -> Scores:
+def scores(case: tuple[float, bool, int, float, bool, int]) -> Scores:
     """One run: each result with its uncertainty and the truth."""
-    P, rough, seed, noise_m, exact, slow, step = case
+    P, rough, seed, noise_m, exact, step = case
     config, rng = Config(), np.random.default_rng([seed, round(100 * P), rough])
     config = replace(config, dic=replace(config.dic, step=step or config.dic.step))
     truth = Drawn(poisson=config.sample.poisson) if exact else drawn(config, rng)
@@ -223,7 +210,7 @@ def scores(case: tuple[float, bool, int, float, bool, float, int]) -> Scores:
     centre = float(grid.x_px.mean()) - 3.3, float(grid.y_px.mean()) + 2.1
     nothing = np.empty(0)
     contact = ContactResult(centre, math.nan, math.nan, (0.0, 0.0), nothing, nothing)
-    shots = world.snapshots(rng, noise_m, slow)
+    shots = world.snapshots(rng, noise_m)
     s = conclude(config, shots, contact, [], forces=world.forces(rng)).summary
     found: Scores = {}
 
@@ -273,17 +260,15 @@ def measure(
     loads: Sequence[float] = (0.1, 0.3, 0.5, 1.0, 1.4),
     noise: float = 45.0,
     exact: bool = False,
-    slow: float = 0.0,
     step: int = 0,
 ) -> int:
-    """Measure coverage, bias and scatter; `noise` is that of a box, in nm, `slow` the share of that
-    of u_x at the centre by which whole frames are off, `step` the pitch of the boxes, in pixels (0:
-    that of the settings).
+    """Measure coverage, bias and scatter; `noise` is that of a box, in nm, `step` the pitch of the
+    boxes, in pixels (0: that of the settings).
     """
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         for rough in (False, True):
             for P in loads:
-                how = noise * 1e-9, exact, slow, step
+                how = noise * 1e-9, exact, step
                 cases = [(P, rough, seed, *how) for seed in range(seeds)]
                 tell(
                     report, f"{'rough' if rough else 'smooth'}, {P:g} N", pool.map(scores, cases, 1)

@@ -61,6 +61,13 @@ class Loaded(NamedTuple):
     static_n: float
 
 
+def onset_of(loading: AxisymmetricLoading, compliance: float) -> tuple[float, float]:
+    """Way of the stage (m) at which the line of steady sliding begins, and Q there (N)."""
+    end = loading.at_force(loading.contact.limit * (1 - 1e-9))
+    way = float(end.displacement(0.0)[0]) + compliance * loading.contact.limit
+    return way, loading.driven(way, compliance).Q
+
+
 @cache
 def loaded(P: float) -> Loaded:
     """A rough contact under P, driven beyond its onset."""
@@ -69,14 +76,12 @@ def loaded(P: float) -> Loaded:
     contact = SphereContact(P, s.young_modulus, s.poisson, s.lens_radius, MU, L, h=s.roughness)
     compliance = s.lens_compliance + 1 / config.forces.stiffness_shear
     loading = AxisymmetricLoading(contact)
-    sliding = loading.at_force(contact.limit * (1 - 1e-9))
-    onset = float(sliding.displacement(0.0)[0]) + compliance * contact.limit
+    onset, static = onset_of(loading, compliance)
     near = np.linspace(0.8 * onset, onset + 10 * MU * L, STEPS)
     way = np.unique(np.concatenate([np.linspace(0, 0.8 * onset, 60), near]))
     states = [loading.rest]
     for stage in way[1:].tolist():
         states.append(loading.advance(states[-1], stage, compliance=compliance))
-    static = loading.driven(onset, compliance).Q
     return Loaded(way, np.array([state.Q for state in states]), onset, static)
 
 
