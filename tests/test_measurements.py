@@ -14,7 +14,7 @@ from typing import Annotated
 import msgspec
 import pytest
 
-from benchmarks import measurements, report
+from benchmarks import report
 from benchmarks.__main__ import add_argument, benchmarks, without_json
 from benchmarks.measurements import (
     OLDER,
@@ -57,7 +57,8 @@ def test_the_page_is_what_the_results_make() -> None:
 
 def test_every_benchmark_that_is_named_exists() -> None:
     commands = [result.command.split() for result in collected().values()]
-    named = {words[3] for words in commands if words[:3] == ["python", "-m", "benchmarks"]}
+    assert all(words[:3] == ["python", "-m", "benchmarks"] for words in commands)
+    named = {words[3] for words in commands}
     assert named <= set(benchmarks())
     assert len(named) > 10
 
@@ -227,15 +228,7 @@ def test_what_could_not_be_determined_misses_its_bound(capsys: pytest.CaptureFix
     assert "error, bias" in capsys.readouterr().out
 
 
-def test_what_was_measured_by_hand_is_not_run(
-    results: Results, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as changed:
-        changed.setattr(measurements, "RESULTS", tmp_path)
-        by_hand = msgspec.structs.replace(results, command="slipscope replay SESSION.h5")
-        by_hand.write(tmp_path / "replay.json")
-        with pytest.raises(ValueError, match="was not measured by a benchmark but by hand"):
-            run("replay")
+def test_a_result_that_is_not_there_is_not_run() -> None:
     known = "there are analyze, calibrated-bench, calibrations, coverage, "
     with pytest.raises(ValueError, match=f"no results are named 'nothing'; {known}"):
         run("nothing")
