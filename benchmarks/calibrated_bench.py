@@ -7,7 +7,6 @@ same contact twice; between the two, scale, forces, pattern and compliance are c
 
 u       total standard uncertainty that the run states, median of the benches
 pull    (value - truth) / u: rms and largest of the benches
-costs   the input that costs most of u, and by how much it changes the result, of the first bench
 
 Before a calibration the settings are wrong by several of the uncertainties that they state; the
 bounds are those of the run after it.
@@ -15,7 +14,6 @@ bounds are those of the run after it.
 
 from __future__ import annotations
 
-import math
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -126,15 +124,6 @@ def pull(found: Measurement, true: float) -> tuple[float, float]:
     return (found.value - true) / found.total, found.total
 
 
-def dearest(found: Measurement) -> str:
-    """The input that costs most of the uncertainty, and by how much it changes the result."""
-    inputs = {name: abs(share) for name, share in found.budget.items() if math.isfinite(share)}
-    if not inputs:
-        return "no input"
-    name = max(inputs, key=lambda one: inputs[one])
-    return f"{name} {100 * inputs[name]:.2g} %"
-
-
 def measure(report: Report, *, seeds: int = 6) -> int:
     """Measure so many benches; 1 where a bound is missed."""
     benches = [before_and_after(seed) for seed in range(seeds)]
@@ -147,6 +136,5 @@ def measure(report: Report, *, seeds: int = 6) -> int:
                 u=(float(np.median(totals)) / UNITS[first.unit], first.unit),
                 rms_pull=float(np.sqrt(np.mean(pulls**2))),
                 largest_pull=(float(np.abs(pulls).max()), "", bound),
-                costs=dearest(first),
             )
     return int(any(figure.is_missed for figure in report.results.figures))

@@ -1,11 +1,11 @@
 """What a kill, a power cut and a damaged journal cost a session. A program that records 1600 x 1200
 images at 23.8 frames/s and forces at 1 kHz in real time is killed (SIGKILL) at random moments of
-its first 6 s, also where each sync of the disk takes 1.5 s; power is cut at random moments of a
+its first 6 s; power is cut at random moments of a
 recorded history of writes, half of them during a flush; of the journal of 213 frames one bit is
 flipped at random. Each session is repaired, and each of its frames and samples compared with what
 was sent.
 
-    python -m benchmarks crash [KILLS] [CUTS] [--slow 20] [--damaged 200] [--folder FOLDER]
+    python -m benchmarks crash [KILLS] [CUTS] [--damaged 200] [--folder FOLDER]
 
 A frame that was altered ends the program with an error.
 """
@@ -24,29 +24,21 @@ from benchmarks.report import ROOT, Report
 sys.path.append(str(ROOT / "tests/session"))
 
 from damaged_journal import BLOCK, DamagedJournal
-from faulty_disk import FAULTS, FaultyDisk, build, environment, make_control
 from killed_recorder import Recording
 from test_power_cut import Recorded
 
 SUBJECT = "Kills, power cuts and damaged journals"
 SHAPE, RATE_HZ, LONGEST_S = (1200, 1600), 23.8, 6.0
 LOST_S, FORCES_LOST_S = 0.5, 0.2
-SLOW_S = 1.5  # of a sync
 
 
-def kill(report: Report, count: int, folder: Path, *, slow: bool = False) -> None:
+def kill(report: Report, count: int, folder: Path) -> None:
     """Kill, repair, compare."""
     rng = np.random.default_rng(0)
-    own = {}
-    if slow and count:
-        control = folder.with_name("control")
-        make_control(control)
-        FaultyDisk(control, str(folder)).arm(FAULTS["error"], 0, delay_s=SLOW_S)
-        own = environment(build(folder.parent), control)
     kills = []
     for _ in range(count):
         delay_s = rng.uniform(0.02, LONGEST_S)
-        with Recording(folder / "killed.h5", RATE_HZ, SHAPE, own) as recording:
+        with Recording(folder / "killed.h5", RATE_HZ, SHAPE) as recording:
             recording.wait_until_sent(1)
             time.sleep(delay_s)
             kills.append(recording.kill())
@@ -54,7 +46,7 @@ def kill(report: Report, count: int, folder: Path, *, slow: bool = False) -> Non
             path.unlink()
     if kills:
         report.row(
-            f"kills, each sync {SLOW_S} s longer" if slow else "kills",
+            "kills",
             number=count,
             frames_lost=f"{sum(len(k.lost) for k in kills)} of {sum(len(k.sent) for k in kills):,}",
             most_of_one_session=(max(k.seconds(k.lost) for k in kills), "s", LOST_S),
@@ -92,16 +84,14 @@ def measure(
     kills: int = 50,
     cuts: int = 200,
     *,
-    slow: int = 20,
     damaged: int = 200,
     folder: Path | None = None,
 ) -> None:
     """Kill programs, then cut the power, then damage journals."""
     with tempfile.TemporaryDirectory(dir=folder) as temporary:
-        for name in ("kill", "slow", "cut", "damage"):
+        for name in ("kill", "cut", "damage"):
             (Path(temporary) / name).mkdir()
         kill(report, kills, Path(temporary) / "kill")
-        kill(report, slow, Path(temporary) / "slow", slow=True)
         cut(report, cuts, Path(temporary) / "cut")
         damage(report, damaged, Path(temporary) / "damage")
     report.add("frames altered", 0, at_most=0)
