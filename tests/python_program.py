@@ -13,13 +13,16 @@ FOLDERS = (ROOT, ROOT / "tests", ROOT / "tests/session")
 
 def python(
     *arguments: object,
+    code: int | None = None,
     environment: dict[str, str] | None = None,
     cwd: Path = ROOT,
     timeout: float = 400,
 ) -> subprocess.CompletedProcess[str]:
-    """Python with these arguments until it ends; it finds SlipScope and what tests share."""
+    """Python with these arguments until it ends, with that exit code if one is given; it finds
+    SlipScope and what tests share.
+    """
     found = {"PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
-    return subprocess.run(
+    done = subprocess.run(
         [sys.executable, *map(str, arguments)],
         cwd=cwd,
         env=os.environ | found | (environment or {}),
@@ -29,3 +32,5 @@ def python(
         check=False,
         timeout=timeout,
     )
+    assert code in (None, done.returncode), done.stdout + done.stderr
+    return done

@@ -46,13 +46,18 @@ def room_of(module: str) -> str:
     return module.split(".")[1]
 
 
+def sources() -> list[Path]:
+    """The files of the program, in order."""
+    return sorted(path for name in PACKAGES for path in (ROOT / name).rglob("*.py"))
+
+
 @cache
 def structure() -> Structure:
     """Of the sources as they are."""
     nodes: Counter[str] = Counter()
     classes, modules = defaultdict(list), defaultdict(list)
     above: dict[str, set[str]] = defaultdict(set)
-    for path in sorted(path for name in PACKAGES for path in (ROOT / name).rglob("*.py")):
+    for path in sources():
         parts = path.relative_to(ROOT).with_suffix("").parts
         tree, module = ast.parse(path.read_text(encoding="utf-8")), ".".join(parts)
         nodes["app.gui" if parts[1] == "gui" else parts[0]] += sum(1 for _ in ast.walk(tree))

@@ -1,11 +1,10 @@
 """Linear algebra on one thread, also in the process of a script that has loaded numpy before."""
 
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
+from python_program import python
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import slipscope
@@ -31,8 +30,7 @@ def test_a_script_has_its_threads_again_afterwards(
         with one_algebra_thread():
             assert threads() == {1}
             code = f"import os; print(os.environ[{VARIABLE!r}])"  # a process that starts meanwhile
-            told = subprocess.run([sys.executable, "-c", code], capture_output=True, check=True)
-            assert told.stdout.split() == [b"1"]
+            assert python("-c", code, code=0).stdout.split() == ["1"]
         assert threads() == before != {1}
     assert os.environ.get(VARIABLE) == given
 

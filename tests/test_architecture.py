@@ -14,16 +14,10 @@ from importlinter.api import read_configuration
 from importlinter.application import use_cases
 from importlinter.configuration import configure
 from python_program import python
-from structure import structure
+from structure import ROOT, sources, structure
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("analysis", "drivers", "app", "slipscope")
 LONGEST_FILE = 500
 HEAVY = {"PySide6", "pyqtgraph", "h5py", "numba", "cv2", "matplotlib", "scipy", "numpy"}
-
-
-def sources() -> list[Path]:
-    return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 
 def modules_after(*statements: str) -> list[set[str]]:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from structure import ROOT, sources
 from typer.main import get_command
 
 from app.cli.program import app
 from benchmarks.__main__ import benchmarks
 
-ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 README_LINES, WIDTH = 130, 100
 
@@ -77,13 +77,6 @@ def test_the_readme_is_short_and_narrow() -> None:
     assert max(map(len, lines)) <= WIDTH
 
 
-SOURCES = [
-    file
-    for name in ("slipscope", "app", "drivers", "analysis")
-    for file in (ROOT / name).rglob("*.py")
-]
-
-
 def options(command: Any) -> set[str]:
     """Those of a command and of all below it."""
     own = {option for parameter in command.params for option in parameter.opts} | {"--help"}
@@ -102,7 +95,7 @@ def test_every_command_and_option_that_is_named_exists() -> None:
     """In the pages, and in what the program says."""
     known = {name: options(one) for name, one in get_command(app).commands.items()}  # type: ignore[attr-defined]
     wrong = []
-    for page in (*PAGES, *SOURCES):
+    for page in (*PAGES, *sources()):
         for name, given in re.findall(r"\bslipscope ([a-z]+(?:-[a-z]+)*)\b([^`\n]*)", text(page)):
             asked = re.findall(r"\s(--[a-z][a-z-]*)", re.split(r"\||&&|#", given)[0])
             missing = [option for option in asked if option not in known.get(name, ())]

@@ -13,11 +13,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from structure import PACKAGES, ROOT, sources
 
 from app.system import manual
 
-ROOT = Path(__file__).parents[1]
-PACKAGES = ("analysis", "app", "drivers", "slipscope")
 MADE = {"__pycache__"}
 DECLARED: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 SETUPTOOLS = DECLARED["tool"]["setuptools"]
@@ -67,10 +66,9 @@ def test_links_between_pages_lead_somewhere_in_the_wheel_too(page: str) -> None:
 
 
 def test_the_program_names_no_file_that_a_wheel_lacks() -> None:
-    for package in PACKAGES:
-        for file in (ROOT / package).rglob("*.py"):
-            for name in re.findall(r"\bdocs/[\w./-]*\w", file.read_text(encoding="utf-8")):
-                assert name in SHIPPED, f"{file} names {name}"
+    for file in sources():
+        for name in re.findall(r"\bdocs/[\w./-]*\w", file.read_text(encoding="utf-8")):
+            assert name in SHIPPED, f"{file} names {name}"
 
 
 def test_the_sdist_has_what_the_tests_read() -> None:

@@ -19,12 +19,11 @@ import numpy as np
 import pytest
 import short_run
 from blobs import Speckle
-from python_program import python
+from python_program import ROOT, python
 
 import slipscope
 from drivers.sim.faults import timed
 
-ROOT = Path(__file__).parents[1]
 NAMES = {"Session", "Results", "UserError", "run", "analyze", "figures", "export"}
 ON_ARRAYS = {"analysis", "dic", "invert", "theory"}
 

@@ -7,11 +7,10 @@ import shlex
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
+from python_program import ROOT, python
 
-ROOT = Path(__file__).parents[1]
 # the last test of its file, so that nothing is left to do but what another process has begun; a
 # lock that no signal interrupts; a thread that the interpreter would wait for
 HOSTILE = """
@@ -87,17 +86,7 @@ def test_without_the_libraries_of_qt_the_tests_of_the_window_are_left_out():
     beside = [path for path in tests.rglob("*.py") if "gui" not in path.relative_to(tests).parts]
     assert not [path for path in beside if qt.search(path.read_text(encoding="utf-8"))]
     others = [path for path in tests.iterdir() if path.name not in ("gui", "test_display.py")]
-    done = subprocess.run(
-        [
-            *(sys.executable, "-c", WITHOUT_QT, "-n", "0", "-p", "no:cacheprovider"),
-            *("-k", "no_display_is_named", *(f"--ignore={path}" for path in others)),
-        ],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=400,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = "-k", "no_display_is_named", *(f"--ignore={path}" for path in others)
+    done = python("-c", WITHOUT_QT, "-n", "0", "-p", "no:cacheprovider", *words, code=0)
     assert "tests/gui was left out, because Qt does not load: libglib-2.0.so.0" in done.stdout
     assert re.search(r"\n=+ 1 passed, \d+ deselected in ", done.stdout), done.stdout

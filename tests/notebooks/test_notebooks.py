@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-import os
 import re
-import subprocess
-import sys
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import nbformat
 import pytest
+from python_program import ROOT, python
 
-ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "docs/notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
 SIX, TWO = "loads = (0.04, 0.06, 0.08, 0.1, 0.13, 0.16)", "loads = (0.04, 0.16)"
@@ -56,18 +53,9 @@ def executed(folder: Path, *notebooks: list[Any]) -> list[list[tuple[str, str]]]
     cells = [nbformat.from_dict({**cell, "id": str(n)}) for n, cell in enumerate(cells)]
     nbformat.write(new.new_notebook(cells=cells), folder / "asked.ipynb")
     folders = {f"{name}_DIR": str(folder) for name in ("JUPYTER_CONFIG", "JUPYTER_RUNTIME")}
-    env = os.environ | folders | {"PYTHONPATH": str(ROOT), "IPYTHONDIR": str(folder)}
-    env |= {"TMPDIR": str(folder)}  # where they record
-    done = subprocess.run(
-        [sys.executable, "-c", RUN, "asked.ipynb", "run.ipynb"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=1100,
-        env=env,
-    )
-    assert done.returncode == 0, done.stderr[-4000:]
+    folders |= {"IPYTHONDIR": str(folder), "TMPDIR": str(folder)}  # where they record
+    python("-c", RUN, "asked.ipynb", "run.ipynb",
+           code=0, environment=folders, cwd=folder, timeout=1100)  # fmt: skip
     run = iter(nbformat.read(folder / "run.ipynb", 4).cells)
     return [outputs(list(islice(run, 1 + len(one)))) for one in notebooks]
 
