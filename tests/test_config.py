@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import tomllib
 from pathlib import Path
 
@@ -222,35 +223,14 @@ def test_the_smallest_allowed_divisor_is_allowed() -> None:
     assert load(None, ["camera.divisor=42"]).camera.divisor == 42
 
 
-def test_a_key_above_the_tables_is_named(tmp_path: Path) -> None:
-    file = tmp_path / "bench.toml"
-    file.write_text("travel = 3\n", encoding="utf-8")
-    with pytest.raises(
-        ConfigError,
-        match=r"bench\.toml: unknown table or key 'travel'; the nearest known one is 'run\.travel'",
-    ):
-        load(file)
-
-
-def test_a_campaign_is_no_settings_file(tmp_path: Path) -> None:
+def test_a_campaign_is_no_settings_file() -> None:
     ours = campaign_file(Path("six-loads"))
     with pytest.raises(
         ConfigError, match=r"six-loads\.toml: .* `slipscope campaign .*six-loads\.toml`"
     ):
         load(ours)
-    file = tmp_path / "bench.toml"
-    file.write_text("[settings]\ntravel = 3\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"bench\.toml: 'settings' is of the plan of a campaign"):
-        load(file)
     assert set(KINDS) > config.OF_CAMPAIGNS
     assert config.OF_CAMPAIGNS.isdisjoint(config.tables())
-
-
-def test_a_table_that_is_a_number_is_named(tmp_path: Path) -> None:
-    file = tmp_path / "bench.toml"
-    file.write_text("run = 3\n", encoding="utf-8")
-    with pytest.raises(ConfigError, match="'run' is a table of options, found 3"):
-        load(file)
 
 
 @pytest.mark.parametrize(
@@ -263,6 +243,9 @@ def test_a_table_that_is_a_number_is_named(tmp_path: Path) -> None:
         (b"[run]\ntravel = [1,2]\nvelocity = x\n", r"column \d+\)$"),
         (b"[about]\nnote = '''\na = 1,5\n'''\n[run]\ntravel = x\n", r"column \d+\)$"),
         (None, "cannot be read: No such file"),
+        (b"travel = 3\n", r"unknown table or key 'travel'; the nearest known one is 'run\.travel'"),
+        (b"run = 3\n", "'run' is a table of options, found 3"),
+        (b"[settings]\ntravel = 3\n", "'settings' is of the plan of a campaign"),
     ],
 )
 def test_a_file_that_is_no_settings_file_is_refused(
@@ -271,7 +254,7 @@ def test_a_file_that_is_no_settings_file_is_refused(
     file = tmp_path / "bench.toml"
     if content is not None:
         file.write_bytes(content)
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(ConfigError, match=rf"^{re.escape(str(file))}.*{words}"):
         load(file)
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Annotated
@@ -173,18 +173,23 @@ def test_a_result_is_outdated_once_its_code_has_changed(results: Results) -> Non
     assert outdated({"a": current, "b": changed, "c": results}) == ["b", "c"]
 
 
-def test_the_code_of_a_benchmark_is_all_that_it_rests_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., str]]:
+    """The checksum of the module `app.first` once these modules were written, and others before."""
     monkeypatch.setattr(report, "ROOT", tmp_path)
     (tmp_path / "app").mkdir()
 
-    def code(**files: str) -> str:
+    def written(*measured: str, **files: str) -> str:
         for name, text in files.items():
             (tmp_path / "app" / f"{name}.py").write_text(text)
         report._read.cache_clear()
-        return code_of("app.first")
+        return code_of("app.first", measured or ("",))
 
+    yield written
+    report._read.cache_clear()
+
+
+def test_the_code_of_a_benchmark_is_all_that_it_rests_on(code: Callable[..., str]) -> None:
     first = code(
         first="from app.second import two\n", second="two = 2\n", third="x = 3\n", other="y = 1\n"
     )
@@ -193,27 +198,17 @@ def test_the_code_of_a_benchmark_is_all_that_it_rests_on(
     assert code(second="two = 3\n") != first
     launched = code(second='two = ["-m", "app.third"]\n')
     assert code(third="x = 4\n") != launched
-    report._read.cache_clear()
 
 
 def test_only_what_a_benchmark_measures_makes_its_result_outdated(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    code: Callable[..., str],
 ) -> None:
-    monkeypatch.setattr(report, "ROOT", tmp_path)
-    (tmp_path / "app").mkdir()
-
-    def code(second: str, third: str) -> str:
-        texts = {"first": "from app.second import two\n", "second": second, "third": third}
-        for name, text in texts.items():
-            (tmp_path / "app" / f"{name}.py").write_text(text)
-        report._read.cache_clear()
-        return code_of("app.first", ["app.third"])
-
     second = "from app.third import x\ntwo = 2\n"
-    first = code(second, 'x = option(1, "The number", "m")')
-    assert code(second + "three = 3\n", 'x = option(1, "A number", "m")') == first
-    assert code(second, 'x = option(2, "The number", "m")') != first
-    report._read.cache_clear()
+    texts = {"first": "from app.second import two\n", "second": second}
+    first = code("app.third", **texts, third='x = option(1, "The number", "m")')
+    changed = {"second": second + "three = 3\n", "third": 'x = option(1, "A number", "m")'}
+    assert code("app.third", **changed) == first
+    assert code("app.third", third='x = option(2, "The number", "m")') != first
 
 
 def test_what_could_not_be_determined_misses_its_bound(capsys: pytest.CaptureFixture[str]) -> None:
