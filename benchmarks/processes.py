@@ -19,7 +19,8 @@ from app.processes.client import LaunchedRun
 from app.processes.folder import running
 from app.settings import config
 from benchmarks.report import Report
-from benchmarks.simulated import account, in_window
+from benchmarks.simulated import account
+from benchmarks.window_run import in_window
 
 SUBJECT = "Processes of a live run"
 SETTINGS = ("camera.divisor=42",)

@@ -1,11 +1,10 @@
 """Experiments on the simulated and on the emulated bench: what the benchmarks need of the program
-to run one, alone or in a window, and its account.
+to run one, and its account.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -15,7 +14,6 @@ import numpy as np
 
 from app.acquisition.run import Run
 from app.evaluation.compiling import compile_analysis
-from app.processes.client import LaunchedRun
 from app.records.record_types import Outcome
 from app.runs import live
 from app.settings import config
@@ -58,24 +56,6 @@ def experiment(
     return Experiment(
         settings, made, live.make_run(settings, path, pace=pace, overwrite=True, bench=made)
     )
-
-
-def in_window(run: LaunchedRun, ready: Callable[[Any], Callable[[], object]]) -> Outcome:
-    """Run in a window; `ready` is given the window, and what it answers is done meanwhile in a
-    thread, with whose end the window closes.
-    """
-    from app.gui.start import run_window
-
-    is_over = threading.Event()
-
-    def opened(window: Any) -> None:
-        work = ready(window)
-        threading.Thread(target=lambda: (work(), is_over.set()), daemon=True).start()
-
-    run_window(run, autostart=True, on_ready=opened, close_when=is_over.is_set)
-    outcome = run.wait()
-    assert outcome is not None
-    return outcome
 
 
 def account(

@@ -34,7 +34,8 @@ from app.processes.signals import acting_on_signals
 from app.settings import config
 from benchmarks.outside_stage import OutsideStage
 from benchmarks.report import Report
-from benchmarks.simulated import account, in_window
+from benchmarks.simulated import account
+from benchmarks.window_run import in_window
 
 SUBJECT = "Stop from the keyboard"
 SETTINGS = ["camera.divisor=42", "run.travel=2000", "limits.travel=5000"]

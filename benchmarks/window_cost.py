@@ -29,7 +29,7 @@ from app.records.record_types import Phase
 from app.records.run_view import RunView
 from app.settings import config
 from benchmarks.report import Report
-from benchmarks.simulated import in_window
+from benchmarks.window_run import in_window
 
 SUBJECT = "Cost of the window"
 SETTINGS = ("camera.divisor=42",)
