@@ -90,7 +90,7 @@ def test_a_controller_has_that_time_again_in_which_the_program_had_no_turn(newpo
 
 
 class DeafPort(SimpleNamespace):
-    """That of a controller that needs 30 ms for an answer and hears nothing for 60 ms after a
+    """That of a controller that needs 40 ms for an answer and hears nothing for 60 ms after a
     command without one; `now` is the time of the driver.
     """
 
@@ -104,7 +104,7 @@ class DeafPort(SimpleNamespace):
 
     def send(self, sent):
         if self.now >= self.deaf_until and sent in (b"1TE\r\n", b"1VE\r\n"):
-            self.due, self.answer = self.now + 0.03, sent.replace(b"\r", b"@\r")
+            self.due, self.answer = self.now + 0.04, sent.replace(b"\r", b"@\r")
         elif self.now >= self.deaf_until:
             self.commands.append(sent)
             self.deaf_until = self.now + 0.06
