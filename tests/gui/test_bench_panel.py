@@ -81,7 +81,7 @@ def test_an_operator_connects_sees_jogs_zeroes_and_disconnects(
     assert place_um(panel) == stood
 
     click(qtbot, panel.zero)
-    qtbot.waitUntil(lambda: "is the block free?" in words(panel))  # 0.05 N is a force
+    qtbot.waitUntil(lambda: "is the block free" in words(panel))  # 0.05 N is a force
     panel.resize(NARROW_PX, 700)
     qtbot.waitUntil(lambda: panel.zero_note.width() < NARROW_PX / 2)
     note = panel.zero_note
