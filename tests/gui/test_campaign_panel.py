@@ -462,6 +462,7 @@ def test_a_run_is_taken_while_the_last_one_is_looked_at(
         return find(plan)
 
     monkeypatch.setattr(campaign_lines, "find_sessions", slowly)
+    panel._begun = 1  # whose state is written
     model.ended.emit(None)
     assert is_looking.wait(10)
     panel.take(panel.lines.runs[0])
