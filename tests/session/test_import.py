@@ -454,16 +454,22 @@ def test_triggers_that_are_uncertain_stay_so(few: Path, tmp_path: Path) -> None:
         imported(tmp_path / "none.h5", few, metadata=table, **KNOWN)
 
 
-def test_stage_of_images_without_times_belongs_to_their_numbers(few: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("earlier_s", [0, 1])
+def test_stage_of_images_without_times_belongs_to_their_numbers(
+    few: Path, tmp_path: Path, earlier_s: int
+) -> None:
     rows = [f"{n},{2.5 * n},shot {17 + n}.png" for n in (0, 1, 2, 3)]
     (tmp_path / "table.csv").write_text("\n".join(["frame,stage_um,file", *rows]), encoding="utf-8")
-    imported(tmp_path / "new.h5", few, metadata=tmp_path / "table.csv", **KNOWN)
+    given: dict[str, Any] = {"metadata": tmp_path / "table.csv", **KNOWN}
+    if earlier_s:  # the forces begin before the images: sample 0 is theirs
+        rows = [f"{n / 1000},0.03,0.0" for n in range(2000)]
+        (tmp_path / "f.csv").write_text("\n".join(["time_s,P_N,Q_N", *rows]), encoding="utf-8")
+        given |= {"forces": tmp_path / "f.csv", "offset_s": -float(earlier_s), "drive": 2}
+    imported(tmp_path / "new.h5", few, **given)
     with SessionReader(tmp_path / "new.h5") as session:
         samples, metres = session.positions()
-    exposure = 10
-    np.testing.assert_allclose(
-        metres, 2.5e-6 * np.clip((samples - exposure / 2) / KNOWN["divisor"], 0, 3), atol=1e-12
-    )
+    at = samples - 1000 * earlier_s - 10 / 2  # of the exposure
+    np.testing.assert_allclose(metres, 2.5e-6 * np.clip(at / KNOWN["divisor"], 0, 3), atol=1e-12)
 
 
 def test_forces_that_never_rest_do_not_tell_where_the_drive_begins(
