@@ -1,12 +1,18 @@
-"""Scenarios of simulated worlds, in few words."""
+"""Scenarios of simulated worlds, in few words, and worlds in contact."""
 
 from dataclasses import fields, replace
 
+import numpy as np
+
 from drivers.sim.scenario import Scenario
 from drivers.sim.settings import SimSettings
+from drivers.sim.world import World
 
 SECTIONS = ("sim", "sample", "forces", "camera")
 SMOOTH = Scenario(sim=SimSettings(law="cattaneo-mindlin", pressure="hertz"))  # has closed forms
+QUIET = Scenario(
+    sim=SimSettings(press_time=0.0, force_noise=0.0, pressure="hertz"), press_samples=1
+)  # pressed at once
 TINY = {"width": 64, "height": 64}  # for cameras whose pictures nobody looks at
 
 
@@ -25,3 +31,17 @@ def scenario(base=SMOOTH, **changes):
             parts[part][key] = value
     sections = {name: replace(getattr(base, name), **kw) for name, kw in parts.items()}
     return replace(base, **sections, **direct)
+
+
+def pressed(**changes):
+    """A world in contact, 10 samples after its start, whose forces have no noise."""
+    world = World(scenario(QUIET, **changes), None)
+    world.start()
+    world.advance(10)
+    return world
+
+
+def carried_n(state):
+    """The force that the traction of a state carries."""
+    r = np.linspace(0, state.hertz_radius_m, 4001)
+    return np.trapezoid(2 * np.pi * r * state.traction(r), r)

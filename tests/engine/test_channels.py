@@ -105,9 +105,17 @@ def test_what_waited_before_it_narrows_is_delivered():
     assert [channel.get(0) for _ in range(6)] == [3, 4, 5, 6, 7, 8]
 
 
+def narrowed(depth, keeps, put=0):
+    """A channel of so many, of which it keeps a few, and what was put into it."""
+    channel = LatestChannel(depth, sender_waits=False)
+    channel.narrow(depth, keeps, math.inf)
+    for item in range(put):
+        channel.put(item)
+    return channel
+
+
 def test_a_receiver_that_catches_up_after_each_pause_gets_everything():
-    channel = LatestChannel(9, sender_waits=False)
-    channel.narrow(9, 2, math.inf)
+    channel = narrowed(9, 2)
     put, taken = itertools.count(), []
     for _ in range(3):
         for _ in range(8):
@@ -125,8 +133,7 @@ def test_a_receiver_that_is_too_slow_gets_what_is_young():
     """Three come while two are taken: once they were too many, none is old, and nothing else is
     lost.
     """
-    channel = LatestChannel(30, sender_waits=False)
-    channel.narrow(30, 4, math.inf)
+    channel = narrowed(30, 4)
     ages = []
     for n in range(300):
         channel.put(n)
@@ -211,10 +218,7 @@ def test_who_waits_for_items_is_not_slow(monkeypatch):
 
 
 def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty():
-    channel = LatestChannel(5, sender_waits=False)
-    channel.narrow(5, 2, math.inf)
-    for item in range(6):
-        channel.put(item)
+    channel = narrowed(5, 2, put=6)
     assert channel.skipped == 4
     assert channel.get(0) == 4
     channel.put(6)
@@ -227,10 +231,7 @@ def test_a_queue_that_was_cut_may_be_long_again_once_it_has_run_empty():
 
 
 def test_a_queue_that_was_cut_may_be_long_again_in_the_next_drive():
-    channel = LatestChannel(5, sender_waits=False)
-    channel.narrow(5, 2, math.inf)
-    for item in range(6):
-        channel.put(item)
+    channel = narrowed(5, 2, put=6)
     channel.narrow(5, 2, math.inf)
     channel.put(6)
     assert [channel.get(0) for _ in range(3)] == [4, 5, 6]

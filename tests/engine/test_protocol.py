@@ -87,9 +87,15 @@ class Bench:
         return [order.text for order in self.orders if isinstance(order, Begin) and order.text]
 
 
-def test_the_steps_follow_in_order_and_say_what_they_are() -> None:
-    bench = Bench('{do="drive", travel=20}, {do="hold", time=2}, {do="drive", travel=-5}')
+def driving(steps: str, *overrides: str) -> Bench:
+    """A bench whose drive has begun."""
+    bench = Bench(steps, *overrides)
     bench.to_drive()
+    return bench
+
+
+def test_the_steps_follow_in_order_and_say_what_they_are() -> None:
+    bench = driving('{do="drive", travel=20}, {do="hold", time=2}, {do="drive", travel=-5}')
     assert bench.go(3.9) is Phase.DRIVE
     bench.to_step(5, 0.3)
     assert bench.travel_m == pytest.approx(20e-6)
@@ -120,9 +126,8 @@ def test_the_end_of_a_protocol_of_one_step_has_its_own_words():
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_velocity_step_goes_on_without_a_stop(way: int) -> None:
-    bench = Bench(f'{{do="drive", travel={10 * way}}}, {{do="velocity", velocity=20, travel=40}},'
+    bench = driving(f'{{do="drive", travel={10 * way}}}, {{do="velocity", velocity=20, travel=40}},'
                   ' {do="velocity", velocity=5, travel=5}, {do="reverse"}')  # fmt: skip
-    bench.to_drive()
     bench.to_step(5)
     first, jump = (order for order in bench.orders if isinstance(order, Go))
     # each is sent to the end of all, so that nothing stops in between
@@ -139,9 +144,8 @@ def test_a_velocity_step_goes_on_without_a_stop(way: int) -> None:
 
 
 def test_reversals_and_cycles_turn_as_often_as_asked() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="reverse", times=3}, {do="cycle", times=2,'
+    bench = driving('{do="drive", travel=10}, {do="reverse", times=3}, {do="cycle", times=2,'
                   ' travel=-5}', "run.velocity=10")  # fmt: skip
-    bench.to_drive()
     assert bench.go(30) is Phase.END
     goals = [round(order.target_m * 1e6) for order in bench.orders if isinstance(order, Go)]
     assert goals == [10, 0, 10, 0, -5, 0, -5, 0]
@@ -164,8 +168,7 @@ def test_reversals_and_cycles_turn_as_often_as_asked() -> None:
 def test_a_force_ends_a_motion(
     until: str, normal: float, shear: float, ends: bool, way: int
 ) -> None:
-    bench = Bench(f'{{do="drive", travel={50 * way}, {until}}}, {{do="hold", time=1}}')
-    bench.to_drive()
+    bench = driving(f'{{do="drive", travel={50 * way}, {until}}}, {{do="hold", time=1}}')
     bench.go(2)
     bench.normal, bench.shear = normal, way * shear
     bench.go(0.15)
@@ -174,8 +177,7 @@ def test_a_force_ends_a_motion(
 
 
 def test_a_force_along_a_way_back_is_below_zero_at_first() -> None:
-    bench = Bench('{do="drive", travel=20}, {do="reverse", until_ratio=0.5}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=20}, {do="reverse", until_ratio=0.5}')
     bench.to_step(5)
     bench.shear = 0.4
     bench.go(1)
@@ -187,9 +189,8 @@ def test_a_force_along_a_way_back_is_below_zero_at_first() -> None:
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_a_drop_and_a_time_end_a_motion(way: int) -> None:
-    bench = Bench(f'{{do="drive", travel={100 * way}, until_drop=0.1}},'
+    bench = driving(f'{{do="drive", travel={100 * way}, until_drop=0.1}},'
                   f' {{do="drive", travel={50 * way}, until_time=2}}')  # fmt: skip
-    bench.to_drive()
     for shear in (3e-4, -4e-4, 1e-3, -1e-3, *np.linspace(0.0, 0.4, 40)):  # first its noise
         bench.shear = way * float(shear)
         bench.block()
@@ -207,8 +208,7 @@ def test_a_drop_and_a_time_end_a_motion(way: int) -> None:
 
 @pytest.mark.parametrize("way", [1, -1])
 def test_each_leg_has_a_greatest_force_of_its_own(way: int) -> None:
-    bench = Bench(f'{{do="cycle", times=1, travel={20 * way}, until_drop=0.1}}')
-    bench.to_drive()
+    bench = driving(f'{{do="cycle", times=1, travel={20 * way}, until_drop=0.1}}')
     while bench.experiment.leg == 0:
         bench.shear = way * min(0.4, bench.shear * way + 0.02)
         bench.block()
@@ -222,9 +222,8 @@ def test_each_leg_has_a_greatest_force_of_its_own(way: int) -> None:
 @pytest.mark.parametrize("way", [1, -1])
 def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_not(way: int) -> None:
     far = f'{{do="drive", travel={100 * way}'
-    bench = Bench(f'{{do="drive", travel={40 * way}}}, {far}, until_stick=0.5}}, {far},'
+    bench = driving(f'{{do="drive", travel={40 * way}}}, {far}, until_stick=0.5}}, {far},'
                   ' until_slid=10}')  # fmt: skip
-    bench.to_drive()
     bench.seen = Seen(bench.sample, 0.2)
     bench.to_step(5)
     bench.go(1)
@@ -245,8 +244,7 @@ def test_what_the_analysis_has_seen_ends_a_motion_and_what_it_saw_before_does_no
 
 
 def test_the_time_of_a_step_is_that_of_all_its_legs() -> None:
-    bench = Bench('{do="cycle", times=3, travel=20, until_time=6}')
-    bench.to_drive()
+    bench = driving('{do="cycle", times=3, travel=20, until_time=6}')
     bench.go(5.8)
     assert (bench.experiment.number, bench.experiment.leg) == (4, 1)
     assert bench.go(0.4) is Phase.END
@@ -260,29 +258,25 @@ def test_each_of_many_legs_has_its_time() -> None:
 
 
 def test_a_slow_motion_has_its_time() -> None:
-    bench = Bench('{do="drive", travel=1, velocity=0.1}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=1, velocity=0.1}')
     assert bench.go(11) is Phase.END
 
 
 def test_a_reverse_goes_back_to_where_the_last_drive_began() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=20},'
+    bench = driving('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=20},'
                   ' {do="hold", time=1}, {do="reverse"}')  # fmt: skip
-    bench.to_drive()
     assert bench.go(20) is Phase.END
     assert bench.travel_m == pytest.approx(10e-6)
 
 
 def test_a_condition_that_must_be_met_fails_without_it() -> None:
-    bench = Bench('{do="drive", travel=10, until_ratio=0.5, unmet="fail"}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=10, until_ratio=0.5, unmet="fail"}')
     with pytest.raises(ExperimentFailed, match=r"step 4 \(drive\): its travel has ended and no co"):
         bench.go(5)
 
 
 def test_a_stage_that_does_not_stop_is_named() -> None:
-    bench = Bench('{do="drive", travel=50, until_time=1}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=50, until_time=1}')
     bench.go(1.0)
     bench.stalls = True
     with pytest.raises(ExperimentFailed, match="it was commanded to stop 2 s ago and still moves"):
@@ -290,8 +284,7 @@ def test_a_stage_that_does_not_stop_is_named() -> None:
 
 
 def test_a_stage_that_moves_in_a_hold_is_named() -> None:
-    bench = Bench('{do="drive", travel=20}, {do="hold", time=20}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=20}, {do="hold", time=20}')
     bench.to_step(5)
     bench.travel_m = bench.goal_m = 14e-6
     with pytest.raises(ExperimentFailed, match=r"went 14\.0 um, but it stood at 20\.0 um when st"):
@@ -300,8 +293,7 @@ def test_a_stage_that_moves_in_a_hold_is_named() -> None:
 
 def test_a_stage_that_stalls_or_strays_in_a_later_motion_is_named() -> None:
     for stray in (False, True):
-        bench = Bench('{do="drive", travel=20}, {do="hold", time=1}, {do="drive", travel=-30}')
-        bench.to_drive()
+        bench = driving('{do="drive", travel=20}, {do="hold", time=1}, {do="drive", travel=-30}')
         bench.to_step(6)
         bench.go(1)
         bench.stalls = True
@@ -341,8 +333,7 @@ def test_a_reference_that_can_not_be_taken_is_named() -> None:
 
 
 def test_a_saturated_sensor_ends_a_hold() -> None:
-    bench = Bench('{do="drive", travel=5}, {do="hold", time=20}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=5}, {do="hold", time=20}')
     bench.to_step(5)
     forces = np.tile([0.5, 0.1], (BLOCK, 1))
     now = MeasuredBlock(bench.sample + BLOCK, forces, bench.travel_m, False, True, (0.2, 1.0))
@@ -419,8 +410,7 @@ def test_phases_go_with_what_was_done() -> None:
 
 
 def test_the_time_left_is_that_of_the_plan() -> None:
-    bench = Bench('{do="drive", travel=50}, {do="hold", time=10}, {do="reverse"}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=50}, {do="hold", time=10}, {do="reverse"}')
     bench.go(4)
     here, every = bench.experiment.left_s(bench.now)
     assert here == pytest.approx(6.0, abs=0.06)
@@ -441,8 +431,7 @@ def test_the_time_left_is_that_of_the_plan() -> None:
 
 
 def test_a_pause_waits_at_the_end_of_a_step_while_the_stage_stands_and_limits_are_watched() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=10}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=10}')
     bench.experiment.pause()
     while not bench.experiment.question:
         assert bench.block() is Phase.DRIVE
@@ -463,8 +452,7 @@ def test_a_pause_waits_at_the_end_of_a_step_while_the_stage_stands_and_limits_ar
 
 
 def test_a_pause_can_be_withdrawn_until_it_has_begun() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=10}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=10}, {do="hold", time=1}, {do="drive", travel=10}')
     bench.experiment.pause()
     bench.go(0.5)
     assert bench.experiment.is_pause_asked
@@ -481,8 +469,7 @@ def test_a_pause_can_be_withdrawn_until_it_has_begun() -> None:
 
 
 def test_limits_hold_while_a_run_is_paused() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="hold", time=1}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=10}, {do="hold", time=1}')
     bench.experiment.pause()
     bench.go(4.0)
     assert bench.experiment.question
@@ -492,8 +479,7 @@ def test_limits_hold_while_a_run_is_paused() -> None:
 
 
 def test_a_pause_waits_for_a_stage_that_stands_and_for_a_step_that_follows() -> None:
-    bench = Bench('{do="drive", travel=10}, {do="velocity", velocity=2, travel=5}')
-    bench.to_drive()
+    bench = driving('{do="drive", travel=10}, {do="velocity", velocity=2, travel=5}')
     bench.experiment.pause()
     bench.go(10.0)
     assert bench.experiment.phase is Phase.END

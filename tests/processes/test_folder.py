@@ -46,9 +46,8 @@ from app.system.stopping import sent_from_outside
 
 
 @pytest.fixture
-def dead(short_path, monkeypatch):
+def dead(memory):
     """Makes the folder of a bench that has died, with the number of its supervisor."""
-    monkeypatch.setattr(folders, "MEMORY", short_path)
 
     def make(supervisor):
         ended = subprocess.Popen([sys.executable, "-c", ""])
@@ -75,9 +74,8 @@ def test_a_bench_that_has_died_does_not_run(dead):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the system holds the time of birth")
 @pytest.mark.parametrize("set_s", [-7200.0, 1.0])
-def test_a_bench_is_found_however_the_clock_was_set_since_it_began(short_path, monkeypatch, set_s):
+def test_a_bench_is_found_however_the_clock_was_set_since_it_began(memory, monkeypatch, set_s):
     """Linux counts from the start of the computer, whose time of day moves with the clock."""
-    monkeypatch.setattr(folders, "MEMORY", short_path)
     folder = new_folder()
     bench = replace(claim(folder), address="calls", session="a.h5")
     publish(folder, bench)
@@ -129,12 +127,11 @@ def test_a_folder_that_others_reach_is_refused(tmp_path, monkeypatch, mode):
 
 
 @posix
-def test_a_folder_of_another_user_is_refused(short_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_a_folder_of_another_user_is_refused(memory, monkeypatch):
     ours = new_folder().parent
     user = os.getuid() + 1
     monkeypatch.setattr(folders.os, "getuid", lambda: user)
-    ours.rename(short_path / f"slipscope-{user}")
+    ours.rename(memory / f"slipscope-{user}")
     with pytest.raises(UserError, match="it belongs to another user"):
         running()
 
@@ -212,8 +209,7 @@ def test_a_bench_that_takes_no_further_call_is_there(short_path):
         assert folders.is_open(address)
 
 
-def test_two_benches_that_begin_in_one_second_have_folders_of_their_own(short_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_two_benches_that_begin_in_one_second_have_folders_of_their_own(memory, monkeypatch):
     monkeypatch.setattr(folders, "datetime", Mock(now=lambda: datetime(2026, 1, 1)))
     drawn = iter(["abcd", "abcd", "ef01"])
     monkeypatch.setattr(folders.secrets, "token_hex", lambda _: next(drawn))
@@ -246,8 +242,7 @@ def test_a_folder_of_a_long_name_is_refused_and_one_that_is_just_short_enough_is
         assert [bench.title for bench in running()] == ["a"]
 
 
-def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, short_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, memory, monkeypatch):
     full = OSError(errno.EMFILE, "Too many open files")
     monkeypatch.setattr(calls, "Listener", Mock(side_effect=full))
     with (
@@ -259,8 +254,7 @@ def test_a_bench_that_cannot_be_called_leaves_no_folder(tmp_path, short_path, mo
 
 
 @pytest.mark.parametrize("ends", ["at its end", "while a window looks on"])
-def test_an_interrupted_run_of_a_script_is_known_no_more(tmp_path, short_path, monkeypatch, ends):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_an_interrupted_run_of_a_script_is_known_no_more(tmp_path, memory, monkeypatch, ends):
     threads = threading.active_count()
     if ends == "while a window looks on":
         monkeypatch.setattr(KnownBench, "is_called", property(Mock(side_effect=KeyboardInterrupt)))
@@ -307,12 +301,17 @@ def lose_the_record(folder):
     (folder / folders.FILE).unlink()
 
 
-@pytest.mark.parametrize("lose", [lose_all, lose_the_files, lose_the_record])
-def test_a_bench_is_known_again_although_that_fails_at_first(short_path, monkeypatch, caplog, lose):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def known_bench(**supervised):
+    """A bench that others know and may call."""
     bench = KnownBench(new_folder())
-    bench.publish(title="a", session="a.h5")
+    bench.publish(title="a", session="a.h5", **supervised)
     bench.answer_calls(dict)
+    return bench
+
+
+@pytest.mark.parametrize("lose", [lose_all, lose_the_files, lose_the_record])
+def test_a_bench_is_known_again_although_that_fails_at_first(memory, monkeypatch, caplog, lose):
+    bench = known_bench()
     lose(bench.folder)
     listens = (serving, "publish") if lose is lose_the_record else (calls, "Listener")
     for place, name in (listens, (serving, "publish")):
@@ -331,13 +330,8 @@ def test_a_bench_is_known_again_although_that_fails_at_first(short_path, monkeyp
     bench.forget()
 
 
-def test_a_bench_that_ran_for_long_and_dies_with_its_supervisor_has_just_died(
-    short_path, monkeypatch
-):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
-    bench = KnownBench(new_folder())
-    bench.publish(title="a", session="a.h5", supervisor_pid=2**22 + 1)
-    bench.answer_calls(dict)
+def test_a_bench_that_ran_for_long_and_dies_with_its_supervisor_has_just_died(memory, monkeypatch):
+    bench = known_bench(supervisor_pid=2**22 + 1)
     age(bench.folder / folders.FILE, 10 * KEPT_S)
     bench.stay_known()
     bench._server.close()
@@ -347,12 +341,9 @@ def test_a_bench_that_ran_for_long_and_dies_with_its_supervisor_has_just_died(
     assert folders.died() == []
 
 
-def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(short_path, monkeypatch):
+def test_a_bench_of_windows_is_known_again_at_the_pipe_that_it_has(memory, monkeypatch):
     """A pipe is no file of the folder, and can be neither removed nor made twice."""
-    monkeypatch.setattr(folders, "MEMORY", short_path)
-    bench = KnownBench(new_folder())
-    bench.publish(title="a", session="a.h5")
-    bench.answer_calls(dict)
+    bench = known_bench()
     lose_the_record(bench.folder)
     with monkeypatch.context() as windows:
         windows.setattr(serving, "sys", Mock(platform="win32"))

@@ -17,7 +17,7 @@ from processes.launched import PATIENT_S, SETTINGS, OutsideStage, kill, wait_unt
 from short_run import SMALL
 
 from app.gui.run_factory import RunFactory
-from app.processes import folder as folders, preview as preview_process, urgent
+from app.processes import preview as preview_process, urgent
 from app.processes.calls import Silent
 from app.processes.client import LaunchedPreview
 from app.processes.folder import root
@@ -47,32 +47,33 @@ def connected(*overrides):
         preview.close()
 
 
-def shows_all(preview):
-    view = preview.look()
-    failed = [d.sentence for d in view.devices.values() if d.state is DeviceState.FAILED]
-    assert not failed
-    return view if view.picture and view.forces and view.stage else None
+def ready(preview):
+    """What a bench shows as soon as it shows all."""
+
+    def shows_all():
+        view = preview.look()
+        failed = [d.sentence for d in view.devices.values() if d.state is DeviceState.FAILED]
+        assert not failed
+        return view if view.picture and view.forces and view.stage else None
+
+    return wait_until(shows_all, "the bench")
 
 
-def hold(preview, direction, until):
-    while not until():
-        preview.jog(direction, FAST)
+def jog(preview, way_um):
+    """Jog a bench that is ready, until its stage has gone that far."""
+    start = ready(preview).stage.position_m
+    while (preview.look().stage.position_m - start) * 1e6 <= way_um:
+        preview.jog(1, FAST)
         time.sleep(0.05)
 
 
-def moved_um(preview, start):
-    return (preview.look().stage.position_m - start) * 1e6
-
-
-def test_a_run_follows_a_preview_of_the_same_bench(tmp_path, short_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_a_run_follows_a_preview_of_the_same_bench(tmp_path, memory):
     settings = config.load(None, [*SMALL, *EMULATED])
     made = []
     factory = RunFactory(made.append)
     preview = factory.preview(settings)
     try:
-        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
-        hold(preview, 1, until=lambda: moved_um(preview, start) > 10)
+        jog(preview, 10)
         assert factory.stop_others(None) is None
         of_another_window = RunFactory(made.append).stop_others(None)
         assert of_another_window.kind is Stop.AT_REST
@@ -116,7 +117,7 @@ def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_pa
     outside = OutsideStage()
     settings = config.load(None, [*SETTINGS, *outside.settings])
     with connected(*outside.settings) as preview:
-        wait_until(lambda: shows_all(preview), "the bench")
+        ready(preview)
         run = make_run(settings, tmp_path / "a.h5", pace=1.0)
         run.start()
         assert "another program has" in run.wait(PATIENT_S).reason
@@ -133,8 +134,7 @@ def test_a_stage_on_a_real_line_is_free_for_the_run_and_for_nobody_before(tmp_pa
 def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
     outside = OutsideStage()
     with connected(*outside.settings) as preview:
-        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
-        hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
+        jog(preview, 5)
         kill(preview.process.pid)
         wait_until(outside.stops, "the supervisor's stop")
         with pytest.raises(
@@ -146,14 +146,14 @@ def test_a_preview_that_is_killed_stops_its_stage_and_frees_it():
         assert "was sent by the supervisor" in answer.sentence
         wait_until(lambda: not outside.stage.is_moving(), "the stage's rest")
     with connected(*outside.settings) as again:
-        wait_until(lambda: shows_all(again), "the bench")
+        ready(again)
 
 
 @pytest.mark.slow
 def test_nothing_is_left_of_a_preview_that_was_closed():
     threads = threading.active_count()
     with connected() as preview:
-        wait_until(lambda: shows_all(preview), "the bench")
+        ready(preview)
     assert not (root() / preview.bench.name).exists()
     assert preview.process.poll() is not None
     wait_until(lambda: threading.active_count() <= threads, "the end of its threads")
@@ -161,7 +161,7 @@ def test_nothing_is_left_of_a_preview_that_was_closed():
 
 def test_a_window_that_lets_go_without_a_word_frees_the_bench():
     preview = LaunchedPreview(config.load(None, SMALL))
-    wait_until(lambda: shows_all(preview), "the bench")
+    ready(preview)
     for caller in (preview._look, preview._jog, preview.orders, preview._zero):
         caller.close()
     wait_until(lambda: preview.process.poll() is not None, "its end")
@@ -177,7 +177,7 @@ def test_a_bench_that_can_not_be_made_says_why():
 @posix
 def test_an_order_to_a_suspended_bench_that_nobody_waits_for_is_not_carried_out():
     with connected() as preview:
-        place = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
+        place = ready(preview).stage.position_m
         os.kill(preview.process.pid, signal.SIGSTOP)
         process = psutil.Process(preview.process.pid)
         wait_until(lambda: process.status() == psutil.STATUS_STOPPED, "the suspension")
@@ -251,8 +251,7 @@ def test_a_stop_that_comes_as_the_stage_is_sent_on_is_sent_again(monkeypatch, is
 def test_what_the_supervisor_has_sent_is_told_of_a_bench_that_dies_before_it_is_let_go_of():
     outside = OutsideStage()
     with connected(*outside.settings) as preview:
-        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
-        hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
+        jog(preview, 5)
         kill(preview.process.pid)
         answer = preview.close()
         assert answer is not None
@@ -262,8 +261,7 @@ def test_what_the_supervisor_has_sent_is_told_of_a_bench_that_dies_before_it_is_
 def test_a_stage_that_could_not_be_stopped_as_its_bench_was_let_go_of_is_told():
     outside = OutsideStage()
     with connected(*outside.settings) as preview:
-        start = wait_until(lambda: shows_all(preview), "the bench").stage.position_m
-        hold(preview, 1, until=lambda: moved_um(preview, start) > 5)
+        jog(preview, 5)
         outside.line.cut()
         answer = preview.close()
         assert answer is not None

@@ -101,8 +101,7 @@ def test_an_error_of_a_kind_that_nobody_else_knows_arrives_as_one_of_a_device(sa
 
 
 @pytest.mark.parametrize("launch", [LaunchedPreview, launched_run], ids=["preview", "run"])
-def test_a_bench_that_nobody_waits_for_any_more_is_ended(launch, short_path, monkeypatch):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_a_bench_that_nobody_waits_for_any_more_is_ended(launch, memory, monkeypatch):
     process = MagicMock()
     monkeypatch.setattr(client, "start_process", Mock(return_value=process))
     monkeypatch.setattr(client, "wait_until_ready", Mock(side_effect=KeyboardInterrupt))
@@ -136,10 +135,7 @@ def preview(settings, _):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("launch", [run, preview])
-def test_a_driver_that_can_not_be_made_is_told_with_its_line(
-    launch, tmp_path, short_path, monkeypatch
-):
-    monkeypatch.setattr(folders, "MEMORY", short_path)
+def test_a_driver_that_can_not_be_made_is_told_with_its_line(launch, tmp_path, memory, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     (tmp_path / "broken_stage.py").write_text(DRIVER, encoding="utf-8")
     settings = config.load(None, [*SMALL, "actuator.source=broken_stage:Stage"])

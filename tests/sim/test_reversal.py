@@ -4,21 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from worlds import carried_n, pressed
 
 from analysis.friction.cycles import branches, loop_work, masing_deviation
 from drivers.errors import OutOfLimits
-from drivers.sim.scenario import Scenario
-from drivers.sim.settings import SimSettings
 from drivers.sim.world import World
 
 
 def driven(ends: list[float], **sim: object) -> tuple[World, np.ndarray, np.ndarray]:
     """A world after these places of the stage; travel and force every 100 samples."""
-    sim = {"pressure": "hertz", **sim}
-    settings = SimSettings(press_time=0.0, force_noise=0.0, **sim)
-    world = World(Scenario(sim=settings, press_samples=1), pace=None)
-    world.start()
-    world.advance(10)
+    world = pressed(**sim)
     travel, force = [], []
     for end in ends:
         world.move(end, 20e-6)
@@ -43,13 +38,11 @@ def test_what_a_camera_sees_of_a_block_that_came_back_is_a_state_of_its_own() ->
     world, _, Q = driven([60e-6, 25e-6], law="elasto-plastic")
     state = world.state(world.now - 1)
     assert state.shear_force_n == pytest.approx(Q[-1])
-    r = np.linspace(0, state.hertz_radius_m, 400)
-    total = np.trapezoid(2 * np.pi * r * state.traction(r), r)
-    assert total == pytest.approx(state.shear_force_n, rel=2e-3)
+    assert carried_n(state) == pytest.approx(state.shear_force_n, rel=2e-3)
     assert state.traction(0.95 * state.hertz_radius_m) < 0 < state.traction(0.0)
     early = world.state(2500)  # a state of the first loading is what it was
     assert early.stage_m < 60e-6
-    assert (early.traction(r) >= 0).all()
+    assert (early.traction(np.linspace(0, state.hertz_radius_m, 400)) >= 0).all()
 
 
 def test_a_law_without_memory_can_not_turn_back() -> None:
