@@ -1,6 +1,7 @@
 """How large the program is, and how its packages rest on each other.
 
     python tests/structure.py
+    python tests/structure.py app/report analysis/dic/icgn.py    # how large these are
 
 Nodes are those of the syntax trees, which do not depend on how wide lines are. A room is a package
 or a module directly in `app`; it stands one floor above the highest room that it imports from.
@@ -9,7 +10,9 @@ or a module directly in `app`; it stands one floor above the highest room that i
 from __future__ import annotations
 
 import ast
+import sys
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -46,9 +49,15 @@ def room_of(module: str) -> str:
     return module.split(".")[1]
 
 
-def sources() -> list[Path]:
-    """The files of the program, in order."""
-    return sorted(path for name in PACKAGES for path in (ROOT / name).rglob("*.py"))
+def sources(places: Sequence[str] = PACKAGES) -> list[Path]:
+    """The files of the program, or of some folders and files of it, in order."""
+    found = (ROOT / place for place in places)
+    return sorted(path for one in found for path in ([one] if one.suffix else one.rglob("*.py")))
+
+
+def size(path: Path) -> int:
+    """Nodes of a file."""
+    return sum(1 for _ in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 @cache
@@ -85,7 +94,11 @@ def structure() -> Structure:
 
 
 def main() -> None:
-    """Print it."""
+    """Print it, or the nodes of what is named."""
+    for place in sys.argv[1:]:
+        print(f"{place:35s} {sum(map(size, sources([place]))):8,d} nodes")
+    if sys.argv[1:]:
+        return
     found = structure()
     for package, count in sorted(found.nodes.items()):
         print(f"{package:10s} {count:8,d} nodes")

@@ -96,7 +96,9 @@ class CheckedFile(Closable):
         return self._contents.formats.get(attribute)
 
     def checked_format(self, attribute: str) -> int:
-        """The same; UserError where it is no file of that kind, or newer than this program."""
+        """Which format it says it has in that attribute; UserError where it is no file of that
+        kind, or newer than this program.
+        """
         version, (_, wanted, command, newest) = self.format(attribute), KINDS[attribute]
         if version is None or version < 1:
             known = (found for one, (found, *_) in KINDS.items() if self.format(one) is not None)
