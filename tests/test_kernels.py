@@ -102,9 +102,9 @@ def test_where_nothing_can_be_written_the_program_runs_and_says_so(tmp_path, mon
     environment = dict.fromkeys(homes, nowhere) | {"PYTHONPATH": str(copy)}
     environment |= dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(tmp_path / "temporary"))
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    done = python("-m", "app", "doctor", cwd=tmp_path, **environment)
+    done = python("-m", "app", "doctor", cwd=tmp_path, environment=environment)
     assert "kept in" in done.stdout
-    done = python("-m", "app", "model", "-o", "f.csv", cwd=tmp_path, **environment)
+    done = python("-m", "app", "model", "-o", "f.csv", cwd=tmp_path, environment=environment)
     assert done.stderr.count("compiled code cannot be kept in the user") == 1
     assert "Traceback" not in done.stderr
     kept = list((tmp_path / "temporary").rglob("*.nbc"))
