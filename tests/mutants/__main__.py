@@ -130,6 +130,8 @@ def main() -> int:
     if chosen.list:
         print(*(f"{one.place()}  {one.what}" for one in some), sep="\n")
         return 0
+    if not some:
+        parser.error(f"no break's place or sentence holds {' or '.join(chosen.words)}")
     counts = {"caught": 0, "SURVIVED": 0, "known": 0, "DID NOT RUN": 0}
     with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
         copies: Queue[Path] = Queue()
