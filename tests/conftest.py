@@ -52,8 +52,8 @@ from app.settings.config import load
 for config in (load(None, [setting]) for setting in sys.argv[1:]):
     prepare(config, partial(compile_analysis, config), lambda what: None)
 """
-# what nearly all tests need, and then what many would compile side by side
-COMPILED = (["dic.method=shared", "dic.preset=accurate"], ["dic.method=icgn", "dic.method=direct"])
+# what nearly all tests need, and then, beside one another, what many would compile side by side
+COMPILED = (["dic.method=shared"], ["dic.preset=accurate"], ["dic.method=icgn", "dic.method=direct"])
 
 
 class Room:
@@ -127,9 +127,9 @@ def pytest_sessionstart(session: pytest.Session) -> None:
         config.stash[ROOM] = Room(str(config.rootpath))
     if config.option.file_or_dir or config.option.collectonly or hasattr(config, "workerinput"):
         return
-    first, then = ([sys.executable, "-c", COMPILE, *each] for each in COMPILED)
+    first, *then = ([sys.executable, "-c", COMPILE, *each] for each in COMPILED)
     collect = [sys.executable, "-m", "pytest", "--collect-only", "-qq", "-n", "0"]
-    for once in ([first], [then] if KEPT_TESTS.exists() else [then, collect]):
+    for once in ([first] if KEPT_TESTS.exists() else [first, collect], then):
         begun = [
             subprocess.Popen(each, cwd=config.rootpath, stdout=subprocess.DEVNULL) for each in once
         ]
