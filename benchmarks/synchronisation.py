@@ -166,6 +166,7 @@ class World:
         self.train = TriggerTrain(draw.choice((0, 20)), self.divisor)
         self.triggers = max(3, int(self.plan.seconds * RATE / self.divisor))
         self.end = self.train.sample(self.triggers - 1) + draw.randint(self.open, self.divisor - 1)
+        self._begins_again_at = random.Random(seed).randint(0, 1)  # where ids began with 0
         self._start_clocks(draw)
         self.truth: list[tuple[float, Delivered]] = []
         self.counted: list[int] = []
@@ -257,7 +258,7 @@ class World:
                 stamp = stamp0 + exposed / RATE * self._camera_rate
                 stamp = round(stamp / ticks) * ticks
             frame_id = number if plan.has_ids else None
-            number = number + 1 if number < 65535 else 1
+            number = number + 1 if number < 65535 else min(first, 1) or self._begins_again_at
             kinds = self._kinds.get(n, ()) if n >= 0 else ()
             if "lost image" in kinds:
                 continue

@@ -69,7 +69,7 @@ class FrameNumbers:
         self.delivered = 0  # results that the camera's library gave, failed grabs among them
         self._next = 0  # the trigger to be answered
         self._last_id: int | None = None
-        self._uses_0 = first_id == 0  # as a frame id
+        self._begins_at = 1 if first_id else None  # id after the largest; None: 0 or 1
         self._seen: deque[int] = deque(maxlen=64)  # the newest ids
         self._nameless = 0  # images without an id since the last with one
         self._number = -1  # of the newest image
@@ -147,6 +147,8 @@ class FrameNumbers:
         advance = steps or 1
         if delivered.frame_id is None and periods is not None:
             steps = 1 if periods > 0 else None
+        elif (steps, delivered.frame_id, periods) == (None, 1, 1):
+            steps = self._begins_at = 1  # ids began again, and no image was lost
         missed = None
         if periods is not None and periods >= advance and steps is not None:
             missed = periods - advance
@@ -328,7 +330,6 @@ class FrameNumbers:
         if frame_id in self._seen:
             return 0, 0
         last, self._last_id = self._last_id, frame_id
-        self._uses_0 |= frame_id == 0
         nameless, self._nameless = self._nameless, 0
         self._seen.append(frame_id)
         if last is None:
@@ -336,13 +337,17 @@ class FrameNumbers:
                 return None, 0
             step = 1 + max(0, frame_id - (self._first_id or 0))
         else:
-            ids = (_SHORT if last < _SHORT else _LONG) - (not self._uses_0)
+            if frame_id == 0:
+                self._begins_at = 0
+            ids = (_SHORT if last < _SHORT else _LONG) - (self._begins_at or 0)
             step = frame_id - last if frame_id > last else (frame_id - last) % ids
         if not 0 < step < _BACK:
             raise DeviceFault(
                 f"{self._name}: frames cannot be numbered: its frame id went from {last} to"
                 f" {frame_id}; check cable and camera, and start a new run"
             )
+        if self._begins_at is None and last is not None and frame_id < last:
+            return None, 0
         return max(1, step - nameless), step
 
     def _await_clock(self, now: int, timeout_s: float) -> None:

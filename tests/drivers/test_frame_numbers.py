@@ -273,6 +273,16 @@ def test_ids_that_use_0_go_on_with_0(first_id, size):
         numbers._seen.clear()  # as they would be by then
 
 
+@pytest.mark.parametrize(("stamp_s", "steps"), [(1.1, 1), (1.2, None), (None, None)])
+def test_only_timestamps_tell_whether_ids_that_began_with_0_go_on_with_1(stamp_s, steps):
+    """Or whether an image with id 0 was lost."""
+    numbers = FrameNumbers("camera", TriggerTrain(0, 100), SampleClock(RATE), OPEN, 0)
+    numbers._last_id = 65534
+    for frame_id, stamp in ((65535, stamp_s and 1.0), (1, stamp_s)):
+        numbers.arrived(Delivered(frame_id, stamp, np.zeros((1, 1), np.uint8)), 0.0)
+    assert numbers._items[-1].steps == steps
+
+
 def test_timestamps_tell_missed_from_lost():
     run = Run(
         ["good", "missed", "good", "lost", "good", "missed", "lost", "good", "good"],

@@ -315,3 +315,13 @@ def test_what_was_exposed_in_lost_samples_breaks_no_account():
     for seed in range(6):
         world, _, _ = played(COUNT, Plan(42, 10.0, faults, 0.02, 0.002), seed)
         assert world.numbers.uncertain_from() is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 11, 15])
+@pytest.mark.parametrize("mode", MODES[:3])
+def test_no_frame_is_certain_and_wrong_after_ids_began_again(mode, seed):
+    """A run of more images than 16 bits can number: the ids of some cameras go on with 0."""
+    found = outcomes(World(seed, mode, Plan(42, 2760.0)).play())
+    assert found["CERTAIN AND WRONG"] == found["outside its range"] == 0
+    assert found["certain and right"] >= 65_530
