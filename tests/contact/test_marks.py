@@ -104,7 +104,6 @@ def test_a_picture_without_them_keeps_its_type_and_its_scale():
     assert grey[0, 1] == 20
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_contact_is_found_behind_marks(pair, seed):
     clean = apparent_contact(*pair(seed, SHAPE, 150, CENTRE, density=0.006))

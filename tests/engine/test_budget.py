@@ -140,7 +140,6 @@ def test_a_zero_that_drifts_is_in_the_uncertainty_of_modulus_and_friction() -> N
         assert abs(s.shares(name)["drift of Q"]) < 1.5 * abs(value / true - 1)
 
 
-@pytest.mark.slow
 def test_a_lens_holder_that_is_not_known_costs_the_length_most() -> None:
     shares = concluded().shares("law_length")
     assert max(shares, key=lambda one: abs(shares[one])) == "lens compliance"

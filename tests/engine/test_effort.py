@@ -81,7 +81,6 @@ def test_a_replay_computes_what_the_run_has_computed_to_the_bit(profiles):
     assert comparison.frames > 30
 
 
-@pytest.mark.slow
 def test_a_further_analysis_computes_all_fields(profiles, whole):
     path = profiles[0]
     done(Reanalysis(path, path.with_name("again.h5"), pace=None))

@@ -86,7 +86,6 @@ def test_any_angle_and_a_picture_that_drifts(tmp_path, expected):
     assert summary.young_modulus_pa == pytest.approx(3.43e6, rel=0.03)
 
 
-@pytest.mark.slow
 def test_an_angle_that_is_given_is_not_measured(upright):
     used, frames = upright
     given = config.load(None, [*SETTINGS, "camera.angle=180", "camera.angle_from=angle"])

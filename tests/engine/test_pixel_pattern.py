@@ -90,7 +90,6 @@ def test_unequal_pixels_pull_displacements_and_their_map_undoes_it(folder):
     assert notes == ["picture: dark level and gain of the pixels are undone in every image"]
 
 
-@pytest.mark.slow
 def test_a_session_keeps_the_map_and_replays_to_the_bit_without_its_certificate(folder):
     with SessionReader(folder / "mapped.h5") as session:
         np.testing.assert_array_equal(session.pattern().gain, true_gain(UNEQUAL))

@@ -124,7 +124,6 @@ def sparse(session):
     return sparse_copy(session, session.with_name("sparse.h5"), SKIPPED, LOST)
 
 
-@pytest.mark.slow
 def test_any_recorded_frame_is_shown_by_the_number_it_was_recorded_with(session, sparse):
     replay = Replay(sparse, pace=None)
     with SessionReader(session) as whole:

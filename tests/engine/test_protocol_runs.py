@@ -119,7 +119,6 @@ def test_every_kind_of_step_is_done_and_recorded(session: tuple[Path, Outcome, W
     np.testing.assert_allclose(results["step_time_s"], in_step)
 
 
-@pytest.mark.slow
 def test_the_holds_last_as_long_as_asked(session: tuple[Path, Outcome, World]) -> None:
     with SessionReader(session[0]) as reader:
         at = {e.text.partition(" ")[0]: e.sample for e in reader.events() if e.kind == "step"}

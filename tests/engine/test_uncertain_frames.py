@@ -109,7 +109,6 @@ def test_an_account_that_does_not_hold_revokes_certainty(revoked_run, first):
         assert f"{len(wanted)} triggers are uncertain" in outcome.resources["receipt"]
 
 
-@pytest.mark.slow
 def test_tables_show_revoked_frames_as_uncertain(tmp_path, revoked_run):
     path, _, outcome = revoked_run(60)
     count = outcome.counts.triggers

@@ -86,7 +86,6 @@ def test_the_driven_force_solves_its_cubic_at_any_compliance(P: float, complianc
         assert found == pytest.approx(MU * P * part_carried(way, soft, stiff), rel=1e-11)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("length", [1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e9])
 @pytest.mark.parametrize("P", FORCES)
 def test_the_loading_is_in_equilibrium_for_any_elastic_length_up_to_full_slip(

@@ -88,7 +88,6 @@ def test_one_hot_pixel_costs_the_boxes_that_hold_it_at_most(method: str) -> None
     assert np.abs(field.ux_px - 0.5)[ok(field)].max() < WORST[method]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_light_ten_times_as_strong_is_no_displacement(method: str, factor: float) -> None:

@@ -479,7 +479,6 @@ def test_a_gain_that_the_camera_does_not_have_is_a_sentence(
     assert len(workshop.made) == 1
 
 
-@pytest.mark.slow
 def test_settings_that_change_meanwhile_are_told_of(qtbot: QtBot, panel: BenchPanel) -> None:
     connect(qtbot, panel)
     config = model_of(panel).config

@@ -56,7 +56,6 @@ def free_of_images(n, nu):
     return x, u - u.mean(axis=(0, 1))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("nu", [0.0, 0.3, 0.5])
 def test_the_sheared_contact_converges_to_the_closed_form(nu):
     worst, typical = [], []

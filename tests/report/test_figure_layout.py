@@ -121,7 +121,6 @@ def test_what_was_not_measured_is_left_out_with_its_reason(results: StudyResults
     assert "no run slides" in reasons["11"]
 
 
-@pytest.mark.slow
 def test_a_single_run_is_drawn_for_every_load(alone: dict[str, Drawn]) -> None:
     assert all(one.caption for one in alone.values())
     assert "P = 0.4 N (in the paper 0.7 N)" in alone["15"].caption

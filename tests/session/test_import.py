@@ -177,7 +177,6 @@ def test_foreign_images_and_forces(original: Path, exported: Path, tmp_path: Pat
     assert (frames, identical, unlike) == (back.outcome.counts.frames_analysed, frames, "")
 
 
-@pytest.mark.slow
 def test_images_alone(few: Path, tmp_path: Path) -> None:
     back = imported(tmp_path / "few.h5", few, **KNOWN)
     assert any("no forces" in remark for remark in back.remarks)
