@@ -53,7 +53,11 @@ for config in (load(None, [setting]) for setting in sys.argv[1:]):
     prepare(config, partial(compile_analysis, config), lambda what: None)
 """
 # what nearly all tests need, and then, beside one another, what many would compile side by side
-COMPILED = (["dic.method=shared"], ["dic.preset=accurate"], ["dic.method=icgn", "dic.method=direct"])
+COMPILED = (
+    ["dic.method=shared"],
+    ["dic.preset=accurate"],
+    ["dic.method=icgn", "dic.method=direct"],
+)
 
 
 class Room:

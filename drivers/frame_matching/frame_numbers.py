@@ -69,7 +69,8 @@ class FrameNumbers:
         self.delivered = 0  # results that the camera's library gave, failed grabs among them
         self._next = 0  # the trigger to be answered
         self._last_id: int | None = None
-        self._begins_at = 1 if first_id else None  # id after the largest; None: 0 or 1
+        # id after the largest; None: 0 or 1, which timestamps have to tell each time
+        self._begins_at = 1 if first_id else None
         self._seen: deque[int] = deque(maxlen=64)  # the newest ids
         self._nameless = 0  # images without an id since the last with one
         self._number = -1  # of the newest image
@@ -148,7 +149,7 @@ class FrameNumbers:
         if delivered.frame_id is None and periods is not None:
             steps = 1 if periods > 0 else None
         elif (steps, delivered.frame_id, periods) == (None, 1, 1):
-            steps = self._begins_at = 1  # ids began again, and no image was lost
+            steps = 1  # ids began again with 1, and one exposure is all that has passed
         missed = None
         if periods is not None and periods >= advance and steps is not None:
             missed = periods - advance
